@@ -53,7 +53,7 @@ POINTS = 1001  # points of each curve
 TIME_AFTER = 12.0  # time drawn after the end of the motion, in units of 1/p
 _WIDTH, _ROW_HEIGHT, _DPI = 8.0, 2.0, 80  # width and row height of the picture [in], dots per inch
 PIXEL_RATIO = 2  # width of the PNG divided by its width on the page, for high-resolution screens
-SLIDER_POSITIONS = 500  # approximate number of positions of a slider
+SLIDER_POSITIONS = 500  # largest number of steps of a slider before refinement
 # How many times a slider step may be divided by 10, so that the initial value is a position.
 MAX_REFINEMENTS = 3
 
@@ -310,7 +310,8 @@ class _Grid(NamedTuple):
         return abs(position - round(position)) < 1e-6
 
     def read(self, shown_value: float, initial_value: float) -> float:
-        """Return the shown value, or the initial value if the slider shows the position nearest to it."""
+        """Return the initial value if the slider shows the position nearest to the initial value, otherwise
+        the shown value."""
         if not self.has_position(shown_value):
             return shown_value
         shown_value = float(f"{shown_value:.12g}")  # browsers compute positions in floating point

@@ -1,7 +1,7 @@
 """Edge distance of a scene: the estimated change of ln s at which the scene could overturn, where s is the
 scale of the ground motion.
 
-At every turning point of the rotation, the overturning margin M and the angular deceleration are extrapolated
+At the turning points of the rotation, the overturning margin M and the angular deceleration are extrapolated
 linearly in ln s. The scene would overturn where M reaches zero, at the distance M/|∂M/∂ ln s|. Where the
 deceleration reaches zero, the turning point disappears and a different motion follows. The edge distance is
 the smallest of these distances over all turning points of the scene. Turning points with small rotations

@@ -53,8 +53,8 @@ def report(
     error and the influence of the inputs.
 
     Writes FILE.html, FILE.json (all numbers in SI) and FILE.nc (all scenes). Scenes that FILE.nc already has
-    are not solved again, so a report with a new text or limit takes seconds. Exit status: 0 if every check
-    passes, 1 if not.
+    are not solved again, so after a change of a text or a limit in the problem file the report takes seconds.
+    Exit status: 0 if every check passes, 1 if not.
 
     \b
     Examples:

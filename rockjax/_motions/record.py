@@ -72,7 +72,7 @@ class Record(AbstractSampled):
         scale: float = 1.0,
         component: int | str | None = None,
     ) -> Self:
-        """Read a record from a file: PEER's .AT2, CSMIP and COSMOS .V2, ESM, K-NET, text, NumPy's .npy.
+        """Read a record from a file, in any format of [`rockjax.read_motion`][].
 
         - `path`: file to read
         - `units`: `"g"`, `"m/s2"`, `"cm/s2"`, `"gal"` or `"mm/s2"`; required if the file does not state
@@ -84,7 +84,8 @@ class Record(AbstractSampled):
         Formats, errors and warnings are the same as in [`rockjax.read_motion`][], which also returns the
         contents of the header.
         """
-        from .files import read  # imported here because `files` imports all formats
+        # Imported on first use, because `files` imports the readers of all formats.
+        from .files import read
 
         scale = require_number("Record.from_file", "scale", scale, np.isfinite, "finite")
         motion = read(path, units, dt, component)

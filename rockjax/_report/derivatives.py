@@ -69,7 +69,8 @@ def slopes_of(
 ) -> SlopesFunction:
     """Return a function that computes the value and the derivatives of `function`.
 
-    - `function`: function of the podium and of the logarithms, (n + 1,)
+    - `function`: function (podium, logs) ↦ value. The podium is already varied by `logs`, (n + 1,); `logs`
+      serves for what else depends on the factors, such as the motion
     - `jit`: whether to compile it as one program, instead of one program for each operation. Functions that
       solve scenes need no jit
     """
@@ -91,7 +92,8 @@ def scene_answers(scenes: Scenes, name: str, motion: int) -> dict[str, tuple[np.
     """Return name of output → (value, derivatives) for a scene. The last axis of the derivatives runs over
     the logarithms.
 
-    One solution gives the derivatives of all outputs, and one compiled program serves all motions of a set.
+    One solution gives the derivatives of all outputs. Motions of the same class and padded length share one
+    compiled program.
 
     - `name`: the set; `motion`: index of the motion
     """
@@ -122,11 +124,12 @@ def scene_answers(scenes: Scenes, name: str, motion: int) -> dict[str, tuple[np.
 def leaf_directions(
     problem: Problem, excitation: AbstractExcitation, with_elevation: bool
 ) -> list[np.ndarray]:
-    """Return the derivatives of the scalar leaves of (podium.split_rows(), excitation) with respect to the
-    logarithms, each of shape (n + 1,)."""
+    """Return the derivative of each leaf of (podium.split_rows(), excitation.common_form()) with respect to
+    the logarithms, (n + 1,). Only those of scalar leaves are used; others are placeholders."""
     count, split = len(problem.variables), problem.split_derivatives
     of_podium = jax.tree.leaves(split if with_elevation else split.without_elevation())
-    # A motion is proportional to its factor, so the change from factor 1 to factor 2 is the derivative.
+    # Each leaf is constant or proportional to the factor, so its change from factor 1 to factor 2 is its
+    # derivative.
     original, doubled = (jax.tree.leaves(excitation.scaled(factor).common_form()) for factor in (1.0, 2.0))
     of_motion = [np.mean(z) - np.mean(y) for y, z in zip(original, doubled, strict=True)]
     return [np.append(y, 0.0) for y in of_podium] + [np.append(np.zeros(count), y) for y in of_motion]

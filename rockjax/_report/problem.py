@@ -102,7 +102,7 @@ class Input:
 
     @property
     def varies(self) -> bool:
-        """True if the input is a nonzero number or a list of numbers, and not a count."""
+        """True if the input is a number or a list of numbers, not all zero, and not a count."""
         values = np.ravel(self.value) if not isinstance(self.value, str) else np.zeros(0)
         return bool(values.size) and self.key not in COUNTS and bool(np.any(values != 0))
 
@@ -116,7 +116,7 @@ class Problem:
     - `motions`: name → `MotionSet`
     - `checks`: the entries of `[[checks]]` and `[[targets]]`
     - `options`: options of the solver
-    - `sources`: key of the file → source
+    - `sources`: key of the file, such as `structure.width` → text that states where its value comes from
     - `project`, `joints`, `report`, `fragility`, `risk`, `structure`: tables of the file
     - `text`: the text of the file
     """

@@ -81,8 +81,9 @@ def simulate(
       under `jit` the history has a capacity of `options.history` steps, otherwise it grows as needed
 
     Peaks and estimated errors equal those of `peak_response` within the tolerance, unless rocking is chaotic,
-    which the output `"errors"` detects. Impacts are counted to the end of the history. Raises the same
-    exceptions as `peak_response`.
+    which the output `"errors"` detects. `impacts` is the number up to the end of the history; in
+    `peak_response` it may be NaN or approximate unless requested. Raises the same exceptions as
+    `peak_response`.
     """
     arguments = _arguments("simulate", podium, excitation, initial, t_end, options)
     (motion,) = excitation if isinstance(excitation, Motions) else (excitation,)
@@ -127,7 +128,8 @@ def _used_nodes(nodes: Nodes, impacts: Array) -> tuple[Nodes, Array]:
 
 
 def _solve(podium, excitation, initial, t_end, options, capacity):
-    """Return floats and integers by name, and the nodes of the history (None if `capacity` is None)."""
+    """Return the outputs of the scene as two dicts by name (floats; integers and flags), and the nodes of the
+    history (None if `capacity` is None)."""
     (floats, nodes), (integers, node_integers) = solve(podium, excitation, initial, t_end, options, capacity)
     if nodes is not None:
         nodes = nodes._replace(piece=node_integers[0], used=node_integers[1])

@@ -115,7 +115,7 @@ def _add_boundaries(data: xarray.Dataset, column: np.ndarray, boundaries: np.nda
         "units": "1",
         "long_name": "a_p/(g tan α) at changes of the outcome between neighbouring grid points",
     }
-    least = ratio_attrs | {"long_name": "least overturning a_p/(g tan α) of the grid"}
+    least = ratio_attrs | {"long_name": "least overturning a_p/(g tan α), bisected between grid points"}
     return data.assign(
         minimum=("frequency_ratio", table[:, 0], least),
         boundaries=(("frequency_ratio", "boundary"), table, ratio_attrs),
