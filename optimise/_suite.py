@@ -26,7 +26,8 @@ class Suite(Module):
 
     - `groups`: all records in one group; other motions grouped by type and shape
     - `order`: for each motion, its index when the groups are concatenated
-    - `fresh_samples`: source of the motions if they are drawn anew in every step, otherwise None
+    - `fresh_samples`: source of the motions if they are drawn anew in every step of a search for a design,
+      otherwise None
     """
 
     groups: tuple[rj.AbstractExcitation, ...]

@@ -2,8 +2,8 @@
 
 An excitation stays as it is. A `Motion`, which readers return, becomes a `Record`, or a `GroundMotion` if it
 has a vertical component. `Motions`, and lists of motions, become a table of `Records`; lists of pulses of one
-class become a batch of pulses. Anything else raises a `ValueError` that names the argument and a call that
-makes a ground motion.
+class become a batch of pulses. Anything else raises a `ValueError` that names the argument and, for strings,
+paths, arrays, numbers and classes of pulses, a call that makes a ground motion.
 """
 
 from __future__ import annotations
@@ -68,8 +68,8 @@ def as_batch(owner: str, value, name: str = "excitations") -> AbstractExcitation
 
 
 def as_records(owner: str, value, name: str = "records") -> tuple[Records | RecordPairs, list[str] | None]:
-    """Return records, or pairs of records, as one table, with the names of the records. The names are None
-    if a record has no name, as in a table."""
+    """Return records, or pairs of records, as one table, with the names of the records. The names are None if
+    any record has no name; records of a `Records` table have none."""
     if isinstance(value, RecordPairs):
         return value, None
     if isinstance(value, Records):
@@ -235,7 +235,7 @@ ACCEPTED_PULSES = "a class of pulses such as rockjax.Ricker, or a function (a_p,
 @dataclasses.dataclass(frozen=True)
 class _CheckedPulse:
     """Wrapper that checks the results of a user-defined function of (a_p, T_p). Wrappers of the same function
-    are equal, so that compiled programs are reused."""
+    with the same `owner` and `name` are equal, so that repeated calls reuse compiled programs."""
 
     owner: str
     name: str

@@ -31,7 +31,8 @@ def units_of(evaluation: Evaluation, units: str | Sequence[str] | None = None) -
 def page_of(evaluation: Evaluation, units: Units | None = None, command: str = "") -> Page:
     """Return the page of an evaluation.
 
-    - `units`: units of drawings and texts; by default the result of `units_of`
+    - `units`: units of drawings and texts; by default the result of `units_of`. Numbers of tables stay in SI
+      and get their units when a format writes them
     - `command`: the command line that makes the report, shown at the head of the page
     """
     units = units or units_of(evaluation)

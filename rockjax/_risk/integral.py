@@ -61,7 +61,7 @@ def log_rate_at(
 
 
 def _log_difference(low: Array, high: Array) -> Array:
-    """Return ln[Φ(high) − Φ(low)] for low < high, which may be infinite. To avoid cancellation, both values
+    """Return ln[Φ(high) − Φ(low)] for low < high; either may be infinite. To avoid cancellation, both values
     are taken from the tail of the distribution in which they are small."""
     is_upper_tail = low + high > 0
     a, b = jnp.where(is_upper_tail, -high, low), jnp.where(is_upper_tail, -low, high)

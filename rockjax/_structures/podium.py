@@ -185,7 +185,7 @@ class Podium(Module):
         forces in the joints, section "Round column ends", explains the results.
 
         Tendons, dampers and inerters act between the ground and the beam. A device is omitted if its
-        parameters are the Python number 0.
+        parameters, not counting the exponent, are the Python number 0.
 
         Warns ([`rockjax.PlausibilityWarning`][]) if R exceeds 100 m, or if a square column of this width has
         less than 300 kg/m³ or more than 8000 kg/m³. Raises `ValueError` for invalid or inconsistent values.
@@ -487,7 +487,8 @@ class Podium(Module):
         )
 
     def split_rows(self) -> Podium:
-        """Return the podium with each row over columns, modes or stories as a tuple of its elements, so that
+        """Return the podium with each array over columns, modes or stories split into a tuple of its
+        elements, so that
         every leaf has one value per podium of a batch."""
         superstructure, elevation = self.superstructure, self.elevation
         if isinstance(elevation, Elevation):

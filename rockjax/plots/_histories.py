@@ -251,8 +251,8 @@ def phase_portrait(response: Response | xarray.Dataset, ax: Axes | None = None) 
 
 
 def separatrix(data: xarray.Dataset, theta: np.ndarray) -> np.ndarray:
-    """Return |θ̇| [rad/s] on the separatrices of the rigid, undamped frame at rotations θ; 0 beyond the
-    saddle points."""
+    """Return |θ̇| [rad/s] on the separatrices of the rigid, undamped frame at rotations θ, on both sides of
+    the saddle points; 0 where P(θ) exceeds P at `saddle_rotation`."""
     podium = podium_of(data.attrs)
     if podium.vibrates:
         podium = podium.replace(superstructure=Rigid(podium.eta))
@@ -264,8 +264,8 @@ def separatrix(data: xarray.Dataset, theta: np.ndarray) -> np.ndarray:
 
 
 def saddle_rotation(podium: Podium) -> float:
-    """Return |θ| at the saddle points [rad]: α without tendons, and π/2 if tendons restore the columns at
-    every rotation."""
+    """Return |θ| at the saddle points [rad]: `Podium.stability_angle` (α without tendons), or π/2 if that is
+    inf because tendons restore the columns at every rotation."""
     return min(float(podium.stability_angle), 0.5 * np.pi)
 
 
@@ -308,7 +308,8 @@ def moment_rotation(response: Response | xarray.Dataset, ax: Axes | None = None)
 
 @on_axes
 def energy_balance(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Plot the energies of `Response.energies` over time, divided by P(α), the energy to overturn from rest.
+    """Plot the energies of `Response.energies` over time, divided by the potential energy of the weights at θ
+    = α, which is the energy to overturn from rest if there are no tendons.
 
     The work of the ground equals the change of the mechanical energy plus the energy lost at impacts and in
     dampers, plus a residual that measures the error of the history.

@@ -1,15 +1,17 @@
 """Subset simulation (Au & Beck 2001): the probability of a rare event as a product of larger probabilities.
 
-The method needs neither derivatives nor design points. A run descends through levels of G. At each level, the
-samples with the lowest G (one twentieth by default) start chains of moves, and a move is accepted if G does
-not exceed the level. Moves follow conditional sampling (Papaioannou et al. 2015): u' = √(1 − s²) u + s ξ with
-the size s and standard normal ξ. Each component moves with probability 1/4, or more in low dimensions, so
-that about ten components move. Long moves of few components decorrelate sooner than short moves of all. A run
-ends at the level 0, or without failure after `MAX_LEVELS` levels.
+The method needs neither derivatives nor design points. Failure is G(u) ≤ 0, with the limit state function G
+of standard normal variables u. A run descends through levels of G. At each level, the samples with the lowest
+G (one twentieth by default) start chains of moves, and a move is accepted if G does not exceed the level.
+Moves follow conditional sampling (Papaioannou et al. 2015): u' = √(1 − s²) u + s ξ with the size s and
+standard normal ξ. Each component moves with probability 1/4. Below 40 components the probability is higher,
+so that ten move on average, or all if there are at most ten. Long moves of few components decorrelate sooner
+than short moves of all. A run ends at the level 0, or without failure after `MAX_LEVELS` levels.
 
-The samples of a run are correlated within their chains and across levels, so a run cannot measure its error.
-Therefore several independent runs share one batch, and their spread gives the error. The estimate has a bias
-of the order of the squared coefficient of variation of a run.
+The samples of a run are correlated within their chains and across levels, so the error estimated from one
+run, which neglects this correlation, serves only as a lower bound. Therefore several independent runs share
+one batch, and their spread gives the error. The estimate has a bias of the order of the squared coefficient
+of variation of a run.
 """
 
 from __future__ import annotations
@@ -102,7 +104,8 @@ class Subset(AbstractEstimator):
             probability *= float(is_below.mean())
             if level == 0.0:
                 return _Run(probability, variance, samples, u[is_below])
-            # Choose at random, because the first samples of a chain have moved the least.
+            # Rejected moves repeat samples, so more samples than needed may be at or below the level. Choose
+            # among them at random, because the first samples of a chain have moved the least.
             chosen = self.rng.permutation(np.flatnonzero(is_below))[: round(self.share * samples)]
             chains = chosen.size
             u, g, move_size = yield from self._chains(u[chosen], g[chosen], level, move_size)
@@ -142,7 +145,8 @@ class Subset(AbstractEstimator):
         # not less than the variances estimated from each run suggest.
         spread = float(np.sum(weight * (p - mean) ** 2)) / (p.size - 1)
         least_variance = float(np.sum((weight * p) ** 2 * [_finite(run.variance) for run in runs]))
-        # The variance of a few runs is itself uncertain: widen it by Student's t.
+        # The spread of a few runs is itself uncertain, so the error is multiplied by the ratio of the
+        # quantiles of Student's t and of the normal distribution.
         error = math.sqrt(max(spread, least_variance)) * float(
             scipy.stats.t.ppf(UPPER_PROBABILITY, p.size - 1) / scipy.stats.norm.ppf(UPPER_PROBABILITY)
         )
