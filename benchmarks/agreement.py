@@ -398,7 +398,7 @@ def write(difference: Difference, scene: Scenes, folder: Path) -> None:
 def read(path: Path) -> tuple[SceneKind, Scenes]:
     """Return the scene of a file, as a batch of one scene."""
     data = json.loads(path.read_text())
-    kind = SceneKind(*data["kind"].split("-"))
+    kind = SceneKind(*data["kind"].split("-", 3))  # the name of a motion may contain "-"
     template = scenes(kind, 1, 0).scene(0)
     leaves = [
         np.asarray(y, np.asarray(z).dtype)
