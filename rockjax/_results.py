@@ -82,7 +82,7 @@ def code_of(result: RESULTS) -> Int[Array | np.ndarray, "*batch"]:
 
 
 def did_not_finish(code: Any) -> Any:
-    """Return True for the code of a scene that ended without an answer; elementwise for arrays of codes."""
+    """Return True for the code of a scene that did not finish; elementwise for arrays of codes."""
     return code > OVERTURNED
 
 

@@ -339,8 +339,8 @@ def _search_in_batches(rows: list[np.ndarray], count: int, structure, uses_margi
 
     options, width = jax.tree.map(lambda y: float(y[0]), settings)
     result = scan(plane, np.arange(count), (0.0, 1.0), ROW_SIZE, options, first_only=True, width=width)
-    first, impacts = (y[:, 0] for y in result.crossings.table(count))
-    scale = np.where(np.isnan(first), np.inf, first) * limits
+    first, impacts = result.crossings.first(count)
+    scale = first * limits
     dtype = float_type()
     scale, dip, certain = (np.asarray(y, dtype) for y in (scale, result.dip, result.certain_width * limits))
     return FirstBoundary(scale, dip, certain, np.maximum(impacts, 0))

@@ -67,6 +67,12 @@ class Crossings(NamedTuple):
         y[self.line, order], impacts[self.line, order] = self.y, self.impacts
         return y, impacts
 
+    def first(self, lines: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return y and impacts of the first change of each of the `lines` lines, shape (lines,); inf and −1
+        for a line without changes."""
+        y, impacts = (values[:, 0] for values in self.table(lines))
+        return np.where(np.isnan(y), np.inf, y), impacts
+
 
 def precompile_scan(
     plane: Plane, x, y_range: tuple[float, float], options: Options, width: float = DEFAULT_WIDTH

@@ -100,6 +100,5 @@ def _command() -> str:
 def _without_folder(word: str) -> str:
     """Return a word of the command line; a path, also after "=", becomes the name of its file."""
     option, equals, value = word.rpartition("=")
-    path = Path(value)
-    is_path = "/" in value and (path.exists() or path.parent.is_dir())
-    return f"{option}{equals}{path.name}" if is_path else word
+    is_path = "/" in value and Path(value).parent.is_dir()
+    return f"{option}{equals}{Path(value).name}" if is_path else word

@@ -97,11 +97,10 @@ def _overturning(scenes: Scenes, motions: MotionSet) -> xarray.Dataset:
     options = boundary_options(scenes.problem)["options"]
     plane = _scaled_motions(scenes.problem.podium, motions)
     found = scan(plane, np.arange(len(motions)), (0.0, MAX_SCALE), ROW_SIZE, options, first_only=True)
-    factors = found.crossings.table(len(motions))[0][:, 0]
-    factors = np.where(np.isnan(factors), np.inf, factors)
+    factors, _ = found.crossings.first(len(motions))
     # Boundaries are bisected to rounding, so the error of a factor is the error of the scenes.
     error = np.where(np.isfinite(factors), factors * BOUNDARY_ERROR, np.nan)
-    survives, overturns = _window_ends(scenes.problem, motions, factors)
+    survives, overturns = _window_ends(plane, factors, options)
     variables = {
         "factor": factors,
         "error": error,
@@ -118,13 +117,14 @@ def _scaled_motions(podium: Podium, motions: MotionSet) -> Plane:
     return lambda motion, factor: (structure, pick_motions(batch, motion).scaled(factor))
 
 
-def _window_ends(problem: Problem, motions: MotionSet, factors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _window_ends(plane: Plane, factors: np.ndarray, options: Options) -> tuple[np.ndarray, np.ndarray]:
     """Return the factors at which the first window of overturning ends and the next one begins, NaN where
     there is none.
 
+    - `plane`: result of `_scaled_motions`
     - `factors`: the least factors that overturn, shape (motions,), inf where none does
+    - `options`: options of the scenes
     """
-    plane, options = _scaled_motions(problem.podium, motions), boundary_options(problem)["options"]
     overturning = np.flatnonzero(np.isfinite(factors))  # indices of the motions
 
     def evaluate(motion: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -208,20 +208,12 @@ def incremental_dynamic_analysis(
         return podium, records.pick_scaled(record_index, y / unscaled[record_index])
 
     import_in_background(*TABLE_MODULES)
-    indices, search_range = np.arange(count), (0.0, float(levels[-1]))
-    precompile_scan(plane, indices, search_range, options, width)
+    indices, y_range = np.arange(count), (0.0, float(levels[-1]))
+    precompile_scan(plane, indices, y_range, options, width)
     peaks = peak_responses(*plane(indices[:, None], levels), options=options, progress=progress)
     # Refinement would find ever narrower survival windows above the capacity.
     search = scan(
-        plane,
-        indices,
-        search_range,
-        resolution,
-        options,
-        progress,
-        refine_curved=False,
-        width=width,
-        dips=False,
+        plane, indices, y_range, resolution, options, progress, refine_curved=False, width=width, dips=False
     )
     boundaries, impacts = search.crossings.table(count)
     import xarray
