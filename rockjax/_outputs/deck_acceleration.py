@@ -8,7 +8,7 @@ from typing import Any
 import jax.numpy as jnp
 
 from rockjax._engine.bounds import Bounds
-from rockjax._outputs.maxima import END_ZONE_CUBIC, Maximum
+from rockjax._outputs.maxima import END_ZONE_ACCELERATIONS, Maximum
 from rockjax._types import Flag, Value
 
 from .base import AbstractOutput, larger
@@ -38,7 +38,7 @@ class PeakDeckAcceleration(AbstractOutput):
         return jnp.zeros((), start.t.dtype), None
 
     def over_step(self, step: Step, accumulator: Value) -> Maximum:
-        return step.largest(step.course(deck_acceleration), accumulator, END_ZONE_CUBIC)
+        return step.largest(step.course(deck_acceleration), accumulator, END_ZONE_ACCELERATIONS)
 
     def over_rest(self, rest: Rest, accumulator: Value) -> Value:
         return larger(rest.largest_ground_acceleration, accumulator)

@@ -8,7 +8,7 @@ from typing import Any
 import jax.numpy as jnp
 
 from rockjax._engine.bounds import Bounds, all_true
-from rockjax._outputs.maxima import END_ZONE_QUINTIC, Maximum
+from rockjax._outputs.maxima import END_ZONE_DEFORMATIONS, Maximum
 from rockjax._structures import Podium
 from rockjax._types import Flag, Values
 
@@ -47,7 +47,7 @@ class PeakDeformation(AbstractOutput):
     def over_step(self, step: Step, accumulator: Values) -> Maximum:
         # Steps are shortened to end on maxima if the method is more accurate than the polynomial of a step.
         return step.largest(
-            step.deformations, accumulator, END_ZONE_QUINTIC, shortens_step=step.ends_on_maxima
+            step.deformations, accumulator, END_ZONE_DEFORMATIONS, shortens_step=step.ends_on_maxima
         )
 
     def is_final(self, bounds: Bounds, accumulator: Values) -> Flag:

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from rockjax._engine.bounds import Bounds, all_true
 from rockjax._engine.coefficients import Coefficients, not_none
-from rockjax._outputs.maxima import END_ZONE_QUINTIC, Maximum
+from rockjax._outputs.maxima import END_ZONE_DEFORMATIONS, Maximum
 from rockjax._structures import Podium
 from rockjax._types import Flag, Values
 
@@ -39,7 +39,7 @@ class PeakDrift(AbstractStoryOutput):
 
     def over_step(self, step: Step, accumulator: Values) -> Maximum:
         drifts = jax.vmap(step.deformations.summed)(_weights(step.c))
-        return step.largest(drifts, accumulator, END_ZONE_QUINTIC, shortens_step=step.ends_on_maxima)
+        return step.largest(drifts, accumulator, END_ZONE_DEFORMATIONS, shortens_step=step.ends_on_maxima)
 
     def is_final(self, bounds: Bounds, accumulator: Values) -> Flag:
         frequencies = jnp.sqrt(not_none(bounds.c.vibration).omega2)

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from rockjax._engine.bounds import Bounds, all_true
 from rockjax._engine.coefficients import not_none
 from rockjax._engine.model import floor_accelerations
-from rockjax._outputs.maxima import Maximum
+from rockjax._outputs.maxima import END_ZONE_ACCELERATIONS, Maximum
 from rockjax._types import Flag, Values
 
 from .shear import PeakShear
@@ -47,7 +47,7 @@ class PeakFloorAcceleration(AbstractStoryOutput):
             return _BEAM.over_step(step, accumulator)
         force = step.inertia_force()
         floors = jax.vmap(force)(not_none(not_none(step.c.modal).floors))
-        return step.largest(floors, accumulator, step.floor_end_zone)
+        return step.largest(floors, accumulator, END_ZONE_ACCELERATIONS)
 
     def over_rest(self, rest: Rest, accumulator: Values) -> Values:
         return _BEAM.over_rest(rest, accumulator)

@@ -18,14 +18,16 @@ from rockjax._types import Flag, Flags, Value, Values
 # *end zone*: this close to an end of the step, the polynomial is as accurate as the step itself.
 NEAR_MAXIMUM = 1e-2  # an extremum above (1 − NEAR_MAXIMUM) times the maximum so far may exceed it
 END_ZONE = 0.02  # end zone for turning points of θ, as a fraction of the step
-# End zones for other quantities, interpolated by quintics and by cubics. They are smaller because a vibrating
-# superstructure has larger high derivatives.
-END_ZONE_QUINTIC = 2e-3
-END_ZONE_CUBIC = 1e-4
+# End zones for other quantities. They are smaller because a vibrating superstructure has larger high
+# derivatives. A force may turn at a time that depends so strongly on a parameter that a small error of this
+# time changes the derivative.
+END_ZONE_DEFORMATIONS = 2e-3
+END_ZONE_ACCELERATIONS = 1e-6
 # End zone for forces in the joints, which have many maxima: END_ZONE_FORCES · rtol^¼, limited to the other
 # two values. Near z = 0 the error of a cubic is 16 z² times its largest error in the step.
 END_ZONE_FORCES, LEAST_END_ZONE, LARGEST_END_ZONE = 0.1, 1e-4, 1e-2
 ROUNDING = 64  # relative differences below this multiple of the machine epsilon are rounding
+CLOSE = 1024  # an extremum that exceeds an end by less than this multiple, relatively, is next to the end
 
 
 class Cubic(NamedTuple):
@@ -105,7 +107,7 @@ def largest(
     long: Flag,
     accumulator: Any,
     ends: tuple[End, End],
-    end_zone: float = END_ZONE_QUINTIC,
+    end_zone: float = END_ZONE_DEFORMATIONS,
     shortens_step: bool = True,
     sizes: Sizes = "absolute",
     joint_end_zone: Value | None = None,
@@ -129,16 +131,23 @@ def largest(
     """
     rates = [end.rate for end in ends]
     turned = rates[0] * rates[1] < 0
-    z, dips = barrier(jax.lax.stop_gradient(path).turning_point_or_dip(turned, rates[0] > 0))
-    extremum, change = path.value(z), jnp.abs(path.slope(z))
+    z, extremum, dips = _extremum(path, h, long, turned, ends)
+    change = jnp.abs(path.slope(z))
     mean_curvature = safe_ratio(rates[1] - rates[0], h, h > 0)
+    eps = jnp.finfo(h.dtype).eps
     at_ends = []
     for z_end, end in zip((0.0, 1.0), ends, strict=True):
         at_end = safe_ratio(path.curvature(jnp.full_like(h, z_end)), h * h, h > 0)
         curvature = jnp.where(long, at_end, mean_curvature)
-        at_ends.append(end.value + end.past * (end.rate + 0.5 * end.past * curvature))
+        # Where the nearest extremum equals the end up to rounding, return the extremum: an error δt of its
+        # time causes an error of order δt² in the value, but of order δt in the derivative.
+        constant = jax.lax.stop_gradient(curvature)
+        to_extremum = -0.5 * safe_ratio(end.rate * end.rate, constant, constant != 0)
+        is_close = jnp.abs(to_extremum) < CLOSE * eps * jnp.abs(end.value)
+        value = end.value + end.past * (end.rate + 0.5 * end.past * curvature)
+        at_ends.append(value + jnp.where(is_close, to_extremum, 0.0))
     # A maximum that equals the value at an end up to rounding, as in short steps, needs no shorter step.
-    rounding = ROUNDING * jnp.finfo(h.dtype).eps
+    rounding = ROUNDING * eps
     values, fractions = [], []
     for size_of, so_far in zip(
         _SIZES[sizes], accumulator if sizes == "both" else (accumulator,), strict=True
@@ -170,6 +179,27 @@ def largest(
     if sizes == "both":
         return Maximum(tuple(values), jnp.minimum(*fractions))
     return Maximum(values[0], fractions[0])
+
+
+def _extremum(
+    path: Path, h: Value, long: Flag, turned: Flags, ends: tuple[End, End]
+) -> tuple[Values, Values, Flags]:
+    """Return the position z and the value of an extremum in a step, and whether the path also dips
+    (`Path.turning_point_or_dip`).
+
+    In a short step, rounding dominates the polynomial, but not the rates. There the extremum follows from the
+    rates, which are nearly linear in time, and from the value at the nearer end.
+    """
+    start, end = ends
+    change_of_rate = end.rate - start.rate
+    z, dips = barrier(jax.lax.stop_gradient(path).turning_point_or_dip(turned, start.rate > 0))
+    z_linear = safe_ratio(*jax.lax.stop_gradient((start.rate, -change_of_rate)), turned)
+    z = jnp.where(turned & ~long, z_linear, z)
+    from_start, from_end = (
+        end.value + h * dz * (end.rate + 0.5 * dz * change_of_rate)
+        for end, dz in zip(ends, (z, z - 1.0), strict=True)
+    )
+    return z, jnp.where(long, path.value(z), jnp.where(z < 0.5, from_start, from_end)), dips
 
 
 def spring(deformation: Quintic, omega2: Values, damping: Values, h: Value) -> Quintic:

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from rockjax._engine.bounds import Bounds
 from rockjax._engine.coefficients import Coefficients, ModalConstants
 from rockjax._engine.model import shear
-from rockjax._outputs.maxima import END_ZONE_CUBIC, END_ZONE_QUINTIC, Maximum
+from rockjax._outputs.maxima import END_ZONE_ACCELERATIONS, Maximum
 from rockjax._structures import Podium
 from rockjax._types import Flag, Value
 
@@ -49,16 +49,13 @@ class PeakShear(AbstractOutput):
 
     def over_step(self, step: Step, accumulator: Value) -> Maximum:
         if step.c.vibration is None:
-            return step.largest(step.course(self.quantity), accumulator, END_ZONE_CUBIC)
+            return step.largest(step.course(self.quantity), accumulator, END_ZONE_ACCELERATIONS)
         # The polynomial of a force contains the derivative of the polynomial of a deformation, which is less
         # accurate. Therefore a step is shortened to end on the maximum of a force, whatever the order of the
         # method.
         modal: ModalConstants | None = step.c.modal
-        if modal is None:
-            course, end_zone = step.spring_forces, END_ZONE_QUINTIC
-        else:
-            course, end_zone = step.inertia_force()(modal.shares), step.floor_end_zone
-        force = step.largest(course, accumulator * step.c.g, end_zone)
+        course = step.spring_forces if modal is None else step.inertia_force()(modal.shares)
+        force = step.largest(course, accumulator * step.c.g, END_ZONE_ACCELERATIONS)
         return force._replace(value=force.value / step.c.g)
 
     def over_rest(self, rest: Rest, accumulator: Value) -> Value:

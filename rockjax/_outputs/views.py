@@ -27,9 +27,8 @@ from rockjax._engine.transitions import Jolt
 from rockjax._excitations.base import Shaking
 from rockjax._outputs.maxima import (
     END_ZONE,
-    END_ZONE_CUBIC,
+    END_ZONE_ACCELERATIONS,
     END_ZONE_FORCES,
-    END_ZONE_QUINTIC,
     LARGEST_END_ZONE,
     LEAST_END_ZONE,
     End,
@@ -244,11 +243,6 @@ class Step:
         zero, path = jnp.zeros_like(self.span.h), deck.path
         return deck._replace(path=Quintic(path.c0, path.c1, path.c2, path.c3, zero, zero))
 
-    @property
-    def floor_end_zone(self) -> float:
-        """Argument `end_zone` of `largest` for the inertia forces of floors."""
-        return END_ZONE_QUINTIC if self._residual_acceleration is None else END_ZONE_CUBIC
-
     def inertia_force(self) -> Callable[[Values], Course]:
         """Return the function that maps the weights w_i of the modes to the inertia force of a floor over the
         step, per mass: Σ w_i F_i + (Σ w_i − 1) a_b, which is minus the acceleration of (L2) [m/s²]."""
@@ -278,7 +272,7 @@ class Step:
         self,
         course: Course,
         accumulator: Any,
-        end_zone: float = END_ZONE_CUBIC,
+        end_zone: float = END_ZONE_ACCELERATIONS,
         shortens_step: bool = True,
         sizes: Sizes = "absolute",
     ) -> Maximum:

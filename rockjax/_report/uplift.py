@@ -14,7 +14,7 @@ from rockjax._engine.coefficients import not_none
 from rockjax._engine.model import horizontal_demand
 from rockjax._excitations.base import Shaking
 from rockjax._outputs.base import AbstractOutput
-from rockjax._outputs.maxima import END_ZONE_CUBIC, Maximum
+from rockjax._outputs.maxima import END_ZONE_ACCELERATIONS, Maximum
 from rockjax._outputs.views import Ended, Moment, Start, Step
 from rockjax._types import Values
 
@@ -45,7 +45,7 @@ class UpliftRatio(AbstractOutput):
 
     def over_step(self, step: Step, accumulator: Values) -> Maximum:
         # `course` approximates the quantity over the step by a cubic.
-        return step.largest(step.course(self.quantity), accumulator, END_ZONE_CUBIC, sizes="signed")
+        return step.largest(step.course(self.quantity), accumulator, END_ZONE_ACCELERATIONS, sizes="signed")
 
     def answer(self, ended: Ended, accumulator: Any, note: Any) -> dict[str, Any]:
         del ended, note
