@@ -17,8 +17,8 @@ A difference that exceeds the limits gets one of these names:
 - flagged: the error estimate (`errors`) is of this size, or the scene is undecided
 - grazing: central differences do not settle, and an impact of the scene is nearly grazing
 - unsettled: central differences do not settle without such an impact, because another peak is close
-- converges: the error of a derivative is below ten times the limit, and below the limit at the tightest
-  tolerance
+- converges: the error of a derivative is below 100 times the limit, and below the limit at all tighter
+  tolerances
 - FAULT: none of these
 """
 
@@ -356,7 +356,8 @@ def compare(kind: SceneKind, batch: Scenes, with_ways: bool = False) -> list[Dif
         wrong = ~(errors[rtol] <= slope_limit) & answered[:, None]
         if wrong.any():
             on_side = [np.abs(slopes[rtol] - side) <= 100 * slope_limit for side in differences.sides]
-            converges = (errors[rtol] <= 10 * slope_limit) & (errors[TOLERANCES[-1]] <= slope_limit)
+            tighter = [errors[other] <= slope_limit for other in TOLERANCES if other < rtol]
+            converges = (errors[rtol] <= 100 * slope_limit) & np.all(tighter, axis=0) & (len(tighter) > 0)
             flagged = np.broadcast_to(flags(kind, batch, rtol, limit)[..., None], wrong.shape)
             masks = {"tie": on_side[0] | on_side[1], "flagged": flagged, **unsettled, "converges": converges}
             add(names, f"{rtol:g}", slopes[rtol], differences.values, wrong, masks)

@@ -2,6 +2,7 @@
 
 import itertools
 
+import numpy as np
 import pytest
 
 from benchmarks import agreement
@@ -17,8 +18,25 @@ PULSES = [
 ]
 
 
+# Scenes whose largest shear turns at a time that depends strongly on both parameters, and derivatives with
+# respect to ln α and the logarithm of the scale, from differences that settle.
+TURNS = [
+    ("modes-free-horizontal-rough", 9, (11.732441, -5.802766)),
+    ("modes-free-horizontal-steps", 40, (0.01172791, None)),
+    ("modes-free-horizontal-steps", 50, (0.08971475, 0.66294137)),
+    ("modes-free-horizontal-steps", 58, (-1.0926493, 2.4837612)),
+    ("modes-free-horizontal-one-sine", 24, (0.44265801, -0.31773207)),
+    ("modes-free-horizontal-ricker", 58, (3.1930449, 0.8981375)),
+    ("elastic-free-horizontal-half-sine", 32, (0.66474609, 0.38071704)),
+]
+
+
+def kind_of(name):
+    return SceneKind(*name.split("-", 3))  # the name of a motion may contain "-"
+
+
 def faults(group, motion):
-    kind = SceneKind(*f"{group}-{motion}".split("-"))
+    kind = kind_of(f"{group}-{motion}")
     deviations = agreement.compare(kind, agreement.scenes(kind, COUNT, seed=1))
     return [str(each) for each in deviations if each.name == "FAULT"]
 
@@ -29,8 +47,22 @@ def test_under_records_and_from_rest(group):
     assert not [fault for motion in SAMPLED for fault in faults(group, motion)]
 
 
-@pytest.mark.slow(but=["OneSine-none-free-horizontal"])
+@pytest.mark.slow(but=["one-sine-none-free-horizontal"])
 @pytest.mark.parametrize("group", PULSES)
-@pytest.mark.parametrize("pulse", ["OneSine", "OneCosine"])
+@pytest.mark.parametrize("pulse", ["one-sine", "one-cosine"])
 def test_under_pulses(group, pulse):
     assert not faults(group, pulse)
+
+
+@pytest.mark.slow(but=["modes-free-horizontal-steps-58"])
+@pytest.mark.parametrize(
+    ("name", "scene", "right"), TURNS, ids=[f"{name}-{scene}" for name, scene, _ in TURNS]
+)
+def test_derivatives_where_the_shear_turns(name, scene, right):
+    kind = kind_of(name)
+    batch = agreement.scenes(kind, COUNT, seed=58)
+    for rtol in (1e-8, 1e-10, 1e-11, 1e-12):
+        peaks = agreement.solve(batch, agreement.OUTPUTS[kind.top], rtol, sensitivities=agreement.PARAMETERS)
+        slopes = np.asarray(peaks.sensitivities.peak_shear)[scene]
+        for slope, expected in zip(slopes, right, strict=True):
+            assert expected is None or slope == pytest.approx(expected, rel=1.5e-5), rtol
