@@ -27,6 +27,7 @@ END_ZONE_ACCELERATIONS = 1e-6
 # two values. Near z = 0 the error of a cubic is 16 z² times its largest error in the step.
 END_ZONE_FORCES, LEAST_END_ZONE, LARGEST_END_ZONE = 0.1, 1e-4, 1e-2
 ROUNDING = 64  # relative differences below this multiple of the machine epsilon are rounding
+ROUNDING_ANGLE = 4  # the same for θ, which has smaller rounding errors because the solver integrates it
 CLOSE = 1024  # an extremum that exceeds an end by less than this multiple, relatively, is next to the end
 
 
@@ -46,6 +47,10 @@ class Cubic(NamedTuple):
 
     def curvature(self, z: Values | float) -> Values:
         return 2 * self.c2 + z * (6 * self.c3)
+
+    def integral(self, z: Values | float) -> Values:
+        """Return the integral from 0 to z."""
+        return z * (self.c0 + z * (self.c1 / 2 + z * (self.c2 / 3 + z * (self.c3 / 4))))
 
     def turning_point_or_dip(self, turned: Flags, rising: Flags) -> tuple[Values, Flags]:
         """Do the same as `hermite.turning_point_or_dip`, with the roots of the slope a + b z + c z² in closed

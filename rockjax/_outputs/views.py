@@ -31,9 +31,11 @@ from rockjax._outputs.maxima import (
     END_ZONE_FORCES,
     LARGEST_END_ZONE,
     LEAST_END_ZONE,
+    ROUNDING_ANGLE,
     End,
     Maximum,
     Sizes,
+    Cubic,
     cubic,
     larger,
     largest,
@@ -263,10 +265,14 @@ class Step:
         """Return the fraction of the step up to the guard's turning point, or inf if not `shortens_step`.
 
         The result is also inf if the turning point is so close to an end of the step that the polynomial is
-        accurate enough.
+        accurate enough, or equals this end up to rounding.
         """
-        turn = self.guard.turn
-        return jnp.where(shortens_step & (turn > END_ZONE) & (turn < 1 - END_ZONE), turn, jnp.inf)
+        turn, value = self.guard.turn, self.guard.turn_value
+        ends = self.sigma * self.state.x[0], self.guard.end_value
+        rounding = ROUNDING_ANGLE * jnp.finfo(turn.dtype).eps
+        exceeds_ends = value > jax.lax.stop_gradient(jnp.maximum(*ends)) * (1 + rounding)
+        is_inside = (turn > END_ZONE) & (turn < 1 - END_ZONE)
+        return jnp.where(shortens_step & exceeds_ends & is_inside, turn, jnp.inf)
 
     def largest(
         self,
@@ -326,37 +332,47 @@ class Step:
             fractions += [maximum.retry_fraction for maximum in each]
         return Maximum(tuple(values), functools.reduce(jnp.minimum, fractions))
 
+    @functools.cached_property
+    def _speed(self) -> Cubic:
+        """θ̇ over the step, from the speeds and accelerations at both ends [rad/s]."""
+        trial, end = self.trial, self.trial.end
+        return cubic(self.state.v[0], trial.a0[0], end.v[0], end.a[0], trial.h)
+
     def time_to_turn(self, z: Value) -> Value:
         """Return the time from the start of the step to the turning point of θ near `z` [s], with its
         derivative.
 
-        Over a short step, the slopes of the quintic are differences of nearly equal numbers. The derivative
-        then follows from the speeds and accelerations at both ends.
+        Over a short step, the slopes of the quintic are differences of nearly equal numbers. The time then
+        follows from the speeds and accelerations at both ends.
         """
-        trial, path, end = self.trial, self.guard.path, self.trial.end
-        speed = cubic(self.state.v[0], trial.a0[0], end.v[0], end.a[0], trial.h)
-        correction, end_correction = (
-            jnp.clip(safe_ratio(value, slope, slope != 0), -1.0, 1.0) * trial.h
-            for value, slope in ((path.slope(z), path.curvature(z)), (speed.value(z), speed.slope(z)))
-        )
-        end_correction -= jax.lax.stop_gradient(end_correction)
-        return z * trial.h - jnp.where(self.span.long, correction, end_correction)
+        newton = lambda value, slope: jnp.clip(safe_ratio(value, slope, slope != 0), -1.0, 1.0)
+        path, speed = self.guard.path, self._speed
+        # The derivative of a Newton step is accurate only at the root. Near it, a damper with an exponent ν < 1
+        # makes the derivative of the acceleration large.
+        root = z
+        for _ in range(2):
+            root = jax.lax.stop_gradient(root - newton(speed.value(root), speed.slope(root)))
+        in_short_step = root - newton(speed.value(root), speed.slope(root))
+        in_long_step = z - newton(path.slope(z), path.curvature(z))
+        return jnp.where(self.span.long, in_long_step, in_short_step) * self.trial.h
 
     @functools.cached_property
     def turn(self) -> Turn:
         """The maximum of |θ| inside the step."""
-        h, sigma, trial = self.span.h, self.sigma, self.trial
+        h, sigma, trial, long = self.span.h, self.sigma, self.trial, self.span.long
         span = self.time_to_turn(self.guard.turn)
         z = safe_ratio(span, h, h > 0)
-        theta = self.guard.path.value(z)
+        theta = jnp.where(
+            long, self.guard.path.value(z), sigma * (self.state.x[0] + h * self._speed.integral(z))
+        )
         x, v = (sigma * theta,), (jnp.zeros_like(h),)
         if self.c.vibration is not None:
             start = self.state.x[1], self.state.v[1], trial.a0[1]
             end = trial.end.x[1], trial.end.v[1], trial.end.a[1]
-            u_t = quintic(*start, *end, h)
-            rate = cubic(*start[1:], *end[1:], h).value(z)
+            u_t, rate = quintic(*start, *end, h), cubic(*start[1:], *end[1:], h)
             slope = safe_ratio(u_t.slope(z), h, h > 0)
-            x, v = (*x, u_t.value(z)), (*v, jnp.where(self.span.long, slope, rate))
+            x = *x, jnp.where(long, u_t.value(z), start[0] + h * rate.integral(z))
+            v = *v, jnp.where(long, slope, rate.value(z))
         slowing = -sigma * acceleration(self.c, sigma, self.ground_at(self.state.t + span), x, v)[0]
         margin = margin_at_turn(self.c, self.scene.overturn_angle, theta, slowing)
         return barrier(Turn(*(jnp.where(self.has_peak, y, jnp.inf) for y in (margin, slowing))))

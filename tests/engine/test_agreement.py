@@ -18,16 +18,21 @@ PULSES = [
 ]
 
 
-# Scenes whose largest shear turns at a time that depends strongly on both parameters, and derivatives with
-# respect to ln α and the logarithm of the scale, from differences that settle.
+# Scenes with an extremum at a time that depends strongly on both parameters, or at which a damper with a small
+# exponent changes the acceleration suddenly. The derivatives are those with respect to ln α and the logarithm
+# of the scale, from differences that settle.
 TURNS = [
-    ("modes-free-horizontal-rough", 9, (11.732441, -5.802766)),
-    ("modes-free-horizontal-steps", 40, (0.01172791, None)),
-    ("modes-free-horizontal-steps", 50, (0.08971475, 0.66294137)),
-    ("modes-free-horizontal-steps", 58, (-1.0926493, 2.4837612)),
-    ("modes-free-horizontal-one-sine", 24, (0.44265801, -0.31773207)),
-    ("modes-free-horizontal-ricker", 58, (3.1930449, 0.8981375)),
-    ("elastic-free-horizontal-half-sine", 32, (0.66474609, 0.38071704)),
+    ("modes-free-horizontal-rough", 9, "peak_shear", (11.732441, -5.802766)),
+    ("modes-free-horizontal-steps", 40, "peak_shear", (0.01172791, None)),
+    ("modes-free-horizontal-steps", 50, "peak_shear", (0.08971475, 0.66294137)),
+    ("modes-free-horizontal-steps", 58, "peak_shear", (-1.0926493, 2.4837612)),
+    ("modes-free-horizontal-one-sine", 24, "peak_shear", (0.44265801, -0.31773207)),
+    ("modes-free-horizontal-ricker", 58, "peak_shear", (3.1930449, 0.8981375)),
+    ("elastic-free-horizontal-half-sine", 32, "peak_shear", (0.66474609, 0.38071704)),
+    ("elastic-power-horizontal-rest", 58, "margin", (0.8551364, None)),
+    ("elastic-power-horizontal-rough", 35, "margin", (2.7477686, None)),
+    ("elastic-power-vertical-rough", 10, "margin", (4.8444713, -1.7055603)),
+    ("modes-power-vertical-steps", 7, "margin", (4.18381, None)),
 ]
 
 
@@ -54,15 +59,15 @@ def test_under_pulses(group, pulse):
     assert not faults(group, pulse)
 
 
-@pytest.mark.slow(but=["modes-free-horizontal-steps-58"])
+@pytest.mark.slow(but=["modes-free-horizontal-steps-58", "elastic-power-horizontal-rest-58"])
 @pytest.mark.parametrize(
-    ("name", "scene", "right"), TURNS, ids=[f"{name}-{scene}" for name, scene, _ in TURNS]
+    ("name", "scene", "output", "right"), TURNS, ids=[f"{name}-{scene}" for name, scene, *_ in TURNS]
 )
-def test_derivatives_where_the_shear_turns(name, scene, right):
+def test_derivatives_at_turning_points(name, scene, output, right):
     kind = kind_of(name)
     batch = agreement.scenes(kind, COUNT, seed=58)
     for rtol in (1e-8, 1e-10, 1e-11, 1e-12):
         peaks = agreement.solve(batch, agreement.OUTPUTS[kind.top], rtol, sensitivities=agreement.PARAMETERS)
-        slopes = np.asarray(peaks.sensitivities.peak_shear)[scene]
+        slopes = np.asarray(getattr(peaks.sensitivities, output))[scene]
         for slope, expected in zip(slopes, right, strict=True):
             assert expected is None or slope == pytest.approx(expected, rel=1.5e-5), rtol
