@@ -32,10 +32,10 @@ from rockjax._outputs.maxima import (
     LARGEST_END_ZONE,
     LEAST_END_ZONE,
     ROUNDING_ANGLE,
+    Cubic,
     End,
     Maximum,
     Sizes,
-    Cubic,
     cubic,
     larger,
     largest,
@@ -347,8 +347,8 @@ class Step:
         """
         newton = lambda value, slope: jnp.clip(safe_ratio(value, slope, slope != 0), -1.0, 1.0)
         path, speed = self.guard.path, self._speed
-        # The derivative of a Newton step is accurate only at the root. Near it, a damper with an exponent ν < 1
-        # makes the derivative of the acceleration large.
+        # The derivative of a Newton step is accurate only at the root: a damper with a small exponent
+        # makes the derivative of the acceleration large near it.
         root = z
         for _ in range(2):
             root = jax.lax.stop_gradient(root - newton(speed.value(root), speed.slope(root)))

@@ -18,7 +18,7 @@ PULSES = [
 ]
 
 
-# Scenes with an extremum at a time that depends strongly on both parameters, or at which a damper with a small
+# Scenes with an extremum at a time that depends strongly on both parameters, or where a damper with a small
 # exponent changes the acceleration suddenly. The derivatives are those with respect to ln α and the logarithm
 # of the scale, from differences that settle.
 TURNS = [
