@@ -343,18 +343,21 @@ class Step:
         derivative.
 
         Over a short step, the slopes of the quintic are differences of nearly equal numbers. The time then
-        follows from the speeds and accelerations at both ends.
+        follows from the speeds and accelerations at both ends, and its derivative from −θ̇'/θ̈, where θ̇' is the
+        derivative of the speed. This quotient is interpolated between the ends, because a damper with a small
+        exponent changes θ̇' and θ̈ suddenly near the turning point, but not the quotient.
         """
+        constant = jax.lax.stop_gradient
         newton = lambda value, slope: jnp.clip(safe_ratio(value, slope, slope != 0), -1.0, 1.0)
-        path, speed = self.guard.path, self._speed
-        # The derivative of a Newton step is accurate only at the root: a damper with a small exponent
-        # makes the derivative of the acceleration large near it.
+        trial, path, speed = self.trial, self.guard.path, self._speed
         root = z
-        for _ in range(2):
-            root = jax.lax.stop_gradient(root - newton(speed.value(root), speed.slope(root)))
-        in_short_step = root - newton(speed.value(root), speed.slope(root))
-        in_long_step = z - newton(path.slope(z), path.curvature(z))
-        return jnp.where(self.span.long, in_long_step, in_short_step) * self.trial.h
+        for _ in range(3):
+            root = constant(root - newton(speed.value(root), speed.slope(root)))
+        ends = (self.state.v[0], trial.a0[0]), (trial.end.v[0], trial.end.a[0])
+        shifts = [safe_ratio(v - constant(v), constant(a), constant(a) != 0) for v, a in ends]
+        in_short_step = root * trial.h - ((1 - root) * shifts[0] + root * shifts[1])
+        in_long_step = (z - newton(path.slope(z), path.curvature(z))) * trial.h
+        return jnp.where(self.span.long, in_long_step, in_short_step)
 
     @functools.cached_property
     def turn(self) -> Turn:
