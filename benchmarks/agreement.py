@@ -86,6 +86,10 @@ class SceneKind(NamedTuple):
         return "-".join(self)
 
     @classmethod
+    def from_name(cls, name: str) -> SceneKind:
+        return cls(*name.split("-", 3))  # the name of a motion may contain "-"
+
+    @classmethod
     def matching(cls, words) -> Iterator[SceneKind]:
         """Yield the kinds that contain all parts of one of the words, such as `elastic-steps`."""
         for parts in itertools.product(TOPS, DEVICES, DIRECTIONS, MOTIONS):
@@ -399,7 +403,7 @@ def write(difference: Difference, scene: Scenes, folder: Path) -> None:
 def read(path: Path) -> tuple[SceneKind, Scenes]:
     """Return the scene of a file, as a batch of one scene."""
     data = json.loads(path.read_text())
-    kind = SceneKind(*data["kind"].split("-", 3))  # the name of a motion may contain "-"
+    kind = SceneKind.from_name(data["kind"])
     template = scenes(kind, 1, 0).scene(0)
     leaves = [
         np.asarray(y, np.asarray(z).dtype)

@@ -37,7 +37,7 @@ class Margin(AbstractEventOutput):
     def over_step(self, step: Step, accumulator: Value) -> Maximum:
         value = step.turn.margin
         is_near_least = jax.lax.stop_gradient(value) < accumulator + NEAR_MAXIMUM * (1 - accumulator)
-        return Maximum(value, step.cut_at_turn(step.ends_on_maxima & step.has_peak & is_near_least))
+        return Maximum(value, step.cut_at_turn(step.ends_on_maxima & step.peak_exceeds_ends & is_near_least))
 
     def update(
         self, end: StepEnd, accumulator: Value, note: None, largest: Value | None

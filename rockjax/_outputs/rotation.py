@@ -50,7 +50,7 @@ class PeakRotation(AbstractEventOutput):
 
     def over_step(self, step: Step, accumulator: Value) -> Maximum:
         top = step.guard.turn_value
-        may_raise = step.ends_on_maxima & step.has_peak & (top > accumulator * (1 - NEAR_MAXIMUM))
+        may_raise = step.ends_on_maxima & step.peak_exceeds_ends & (top > accumulator * (1 - NEAR_MAXIMUM))
         return Maximum(top, step.cut_at_turn(may_raise))
 
     def update(self, end: StepEnd, accumulator: Value, note: Value, largest: Any) -> tuple[Value, Value]:

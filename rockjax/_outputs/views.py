@@ -171,6 +171,13 @@ class Step:
         """True if |θ| has a maximum inside the step; it is at `guard.turn`."""
         return (self.sigma != 0) & self.guard.rising & self.guard.turned
 
+    @property
+    def peak_exceeds_ends(self) -> Flag:
+        """True if |θ| has a maximum inside the step that exceeds |θ| at both ends by more than rounding."""
+        at_ends = jax.lax.stop_gradient(self.sigma * self.state.x[0]), self.guard.end_value
+        rounding = ROUNDING_ANGLE * jnp.finfo(self.guard.turn_value.dtype).eps
+        return self.has_peak & (self.guard.turn_value > jnp.maximum(*at_ends) * (1 + rounding))
+
     def course(self, quantity: Quantity) -> Course:
         """Return a quantity over the step as a cubic. Automatic differentiation gives the rates in time."""
         (course,) = self.courses(quantity)
@@ -265,14 +272,10 @@ class Step:
         """Return the fraction of the step up to the guard's turning point, or inf if not `shortens_step`.
 
         The result is also inf if the turning point is so close to an end of the step that the polynomial is
-        accurate enough, or equals this end up to rounding.
+        accurate enough.
         """
-        turn, value = self.guard.turn, self.guard.turn_value
-        ends = self.sigma * self.state.x[0], self.guard.end_value
-        rounding = ROUNDING_ANGLE * jnp.finfo(turn.dtype).eps
-        exceeds_ends = value > jax.lax.stop_gradient(jnp.maximum(*ends)) * (1 + rounding)
-        is_inside = (turn > END_ZONE) & (turn < 1 - END_ZONE)
-        return jnp.where(shortens_step & exceeds_ends & is_inside, turn, jnp.inf)
+        turn = self.guard.turn
+        return jnp.where(shortens_step & (turn > END_ZONE) & (turn < 1 - END_ZONE), turn, jnp.inf)
 
     def largest(
         self,

@@ -36,12 +36,8 @@ TURNS = [
 ]
 
 
-def kind_of(name):
-    return SceneKind(*name.split("-", 3))  # the name of a motion may contain "-"
-
-
 def faults(group, motion):
-    kind = kind_of(f"{group}-{motion}")
+    kind = SceneKind.from_name(f"{group}-{motion}")
     deviations = agreement.compare(kind, agreement.scenes(kind, COUNT, seed=1))
     return [str(each) for each in deviations if each.name == "FAULT"]
 
@@ -64,7 +60,7 @@ def test_under_pulses(group, pulse):
     ("name", "scene", "output", "right"), TURNS, ids=[f"{name}-{scene}" for name, scene, *_ in TURNS]
 )
 def test_derivatives_at_turning_points(name, scene, output, right):
-    kind = kind_of(name)
+    kind = SceneKind.from_name(name)
     batch = agreement.scenes(kind, COUNT, seed=58)
     for rtol in (1e-8, 1e-10, 1e-11, 1e-12):
         peaks = agreement.solve(batch, agreement.OUTPUTS[kind.top], rtol, sensitivities=agreement.PARAMETERS)
