@@ -345,10 +345,10 @@ class Step:
         """Return the time from the start of the step to the turning point of θ near `z` [s], with its
         derivative.
 
-        Over a very short step, the slopes of the quintic are differences of nearly equal numbers. The time then
-        follows from the speeds and accelerations at both ends, and its derivative from −θ̇'/θ̈, where θ̇' is the
-        derivative of the speed. This quotient is interpolated between the ends, because a damper with a small
-        exponent changes θ̇' and θ̈ suddenly near the turning point, but not the quotient.
+        Over a very short step, the slopes of the quintic are differences of nearly equal numbers. The time
+        then follows from the speeds and accelerations at both ends, and its derivative from −θ̇'/θ̈, where θ̇'
+        is the derivative of the speed. This quotient is interpolated between the ends, because a damper with
+        a small exponent changes θ̇' and θ̈ suddenly near the turning point, but not the quotient.
         """
         constant = jax.lax.stop_gradient
         newton = lambda value, slope: jnp.clip(safe_ratio(value, slope, slope != 0), -1.0, 1.0)
@@ -360,8 +360,8 @@ class Step:
         shifts = [safe_ratio(v - constant(v), constant(a), constant(a) != 0) for v, a in ends]
         in_short_step = root * trial.h - ((1 - root) * shifts[0] + root * shifts[1])
         in_long_step = (z - newton(path.slope(z), path.curvature(z))) * trial.h
-        # Only the curvature of the quintic is used: rounding dominates it in shorter steps than `span.long`
-        # allows for.
+        # The time needs no derivative of the quintic above the second, so that rounding is small in shorter
+        # steps than for `span.long`.
         long = is_long(trial.h, 0.1 * self.scene.max_step)
         return jnp.where(long, in_long_step, in_short_step)
 
