@@ -1,9 +1,10 @@
 """Largest responses of linear oscillators to a piecewise polynomial floor acceleration a, (L5) to (L8).
 
 With z = ẋ − λ̄x and λ = −ζω + iω_d, the equation ẍ + 2ζωẋ + ω²x = −a becomes ż = λz − a, with one complex
-unknown instead of two real ones, and a velocity jump Δv of the floor becomes z⁺ = z⁻ − Δv. The solution over
-a piece is exact. The relative displacement x and the absolute acceleration 2ζωẋ + ω²x are responses of the
-form q = Re(c z) with different complex factors c, so the same search finds the largest |q| of each.
+unknown instead of two real ones. At a velocity jump Δv of the floor, z⁺ = z⁻ − Δv. The solution over a piece
+is exact up to rounding. The displacement x relative to the floor, and 2ζωẋ + ω²x, which is minus the absolute
+acceleration, are responses of the form q = Re(c z) with complex factors c. The same search finds the largest
+|q| of both.
 """
 
 from __future__ import annotations
@@ -29,8 +30,8 @@ PIECES_PER_PERIOD = 8
 SERIES_TERMS = 16  # terms of power series in s = λh; enough for pieces of an eighth of a period
 EXPONENTIAL = np.array([1 / math.factorial(j) for j in range(SERIES_TERMS)])  # coefficients of e^s
 LANES = 256  # largest number of oscillators in a group; the shortest period determines the pieces of all
-FEW_LANES = 16  # groups are padded to this number times a power of 4
-PIECES_PER_BLOCK = 8  # only states at the starts of blocks are stored
+FEW_LANES = 16  # groups are padded to this number of oscillators times a power of 4
+PIECES_PER_BLOCK = 8  # number of pieces in a block; only states at the starts of blocks are stored
 BLOCKS_PER_CALL = 32  # number of blocks that one call of the compiled program solves
 PAIRS = 20_000  # largest number of pairs of a block and an oscillator that are searched together
 NEWTON_STEPS = 5  # iterations for a turning point, starting within a quarter of a piece
@@ -38,7 +39,7 @@ TIE_TOLERANCE = 1e-10  # relative difference below which peaks count as equal; t
 
 
 Response = Literal["displacement", "acceleration"]
-RESPONSES: tuple[Response, ...] = ("displacement", "acceleration")  # x, and the absolute acceleration
+RESPONSES: tuple[Response, ...] = ("displacement", "acceleration")  # x, and 2ζωẋ + ω²x
 
 
 class Load(NamedTuple):
@@ -51,8 +52,8 @@ class Load(NamedTuple):
     - `shift`: velocity jump of the floor times `start_slope`, shape (n,)
     - `start_slope`: derivative of the start of each piece with respect to the parameter, shape (n,)
 
-    For an acceleration, `shift` and `start_slope` are zero. For a derivative, the start of a piece moves with
-    the parameter, so that z jumps by λ `shift` − `kick`.
+    For an acceleration, `shift` and `start_slope` are zero. For a derivative, z jumps by λ `shift` − `kick`
+    at the start of a piece, because this start moves with the parameter.
     """
 
     start: np.ndarray
@@ -96,10 +97,10 @@ class Load(NamedTuple):
 class Peaks(NamedTuple):
     """Largest responses of N oscillators.
 
-    - `values`: S_d = max|x| [m], and S_a, the largest absolute acceleration, (L6) [m/s²]; only the requested
-      ones, shape (responses, N)
-    - `times`: times at which they are first reached, shape (responses, N) [s]
-    - `slopes`: their derivatives with respect to each parameter, shape (responses, parameters, N)
+    - `values`: S_d = max|x| [m] and the largest absolute acceleration S_a [m/s²], (L6), as far as requested,
+      shape (responses, N)
+    - `times`: times at which these values are first reached, shape (responses, N) [s]
+    - `slopes`: derivatives of these values with respect to each parameter, shape (responses, parameters, N)
     - `later`: largest |x| of free vibration after the end of the load, shape (N,) [m]
     - `envelope`: √(ẋ² + ω²x²)/ω at the end of the load, shape (N,) [m]
     """
@@ -280,8 +281,9 @@ def _taylor(z: np.ndarray, pole: np.ndarray, length: np.ndarray, terms: np.ndarr
 def _series_of_block(
     load: Load, z: np.ndarray, pole: np.ndarray, block: np.ndarray
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Yield the first pieces of blocks, the second pieces, and so on: indices of the blocks that have such a
-    piece, the piece in each, and the coefficients of z in this piece, as returned by `_taylor`.
+    """Yield the first pieces of blocks, then the second pieces, and so on, each time as three arrays:
+    positions of the blocks that have such a piece, indices of the pieces, and the coefficients of z from
+    `_taylor`.
 
     - `z`, `pole`, `block`: z at the start of each block, before a velocity jump; λ; and the block; shape (k,)
     """
@@ -328,9 +330,9 @@ def _turning_points(series: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 class _Peak(NamedTuple):
-    """The largest |q| of each oscillator: q with its sign, and the piece and the fraction τ/h where it is
-    first reached. Free vibration after the end counts as one more piece, whose `fraction` is the time since
-    the end [s]."""
+    """The largest |q| of each oscillator: the value q there, and the piece and the fraction τ/h at which |q|
+    first reaches it. Free vibration after the end counts as one more piece, whose `fraction` is the time
+    since the end [s]."""
 
     value: np.ndarray
     piece: np.ndarray
@@ -346,15 +348,15 @@ def _response(factor: np.ndarray, z: np.ndarray) -> np.ndarray:
 def _search(
     load: Load, oscillators: _Oscillators, factor: np.ndarray, states: _States, sizes: np.ndarray
 ) -> _Peak:
-    """Return the peaks of a response up to the end of the last piece. Only pieces that may contain a peak are
+    """Return the largest responses up to the end of the last piece. Only pieces that may contain them are
     searched.
 
     - `load`, `oscillators`, `factor`: the load, N oscillators, and c of the response q = Re(c z)
     - `states`, `sizes`: states of the oscillators, and largest |q| of blocks of states, shape (blocks, N)
     """
     best = sizes.max(axis=0)
-    # In a piece with a turning point, |q| is at most h²/8 max|q̈| larger than at the ends, and |q̇| ≤ h max|q̈|.
-    # The load alone determines q̈ + 2ζωq̇ + ω²q, so a bound of this sum also bounds max|q̈|.
+    # In a piece with a turning point, |q| exceeds its values at the ends by at most h²/8 max|q̈|, and |q̇| ≤ h
+    # max|q̈|. The load alone determines q̈ + 2ζωq̇ + ω²q, so a bound of this sum leads to a bound of max|q̈|.
     h, omega, terms = load.length, oscillators.omega, np.abs(load.terms)
     largest_load = (terms.sum(axis=1) * h**2).max() * np.abs(np.real(factor * oscillators.pole))
     steepest = ((terms @ np.arange(terms.shape[1])) * h).max() * np.abs(np.real(factor))
@@ -402,21 +404,21 @@ def _first_peak(
 
 
 def _delay(oscillators: _Oscillators, factor: Any, z: Any) -> Any:
-    """Return the time from the state z to the first turning point of q in free vibration [s]."""
+    """Return the time from the state z to the next turning point of q in free vibration [s]."""
     xp = array_module(oscillators, factor, z)
     angle = xp.mod(0.5 * math.pi - xp.angle(factor * oscillators.pole * z), math.pi)
     return angle / oscillators.damped_frequency
 
 
 def _next_turn(oscillators: _Oscillators, factor: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return q at the first turning point in free vibration from the state z, where |q| is largest, and the
-    time until this point [s]."""
+    """Return q at the next turning point in free vibration from the state z, which is the largest |q| from
+    then on, and the time until this point [s]."""
     delay = _delay(oscillators, factor, z)
     return np.real(factor * z * np.exp(oscillators.pole * delay)), delay
 
 
 def next_turns(period: Any, damping: Any, x: Any, rate: Any) -> tuple[Any, Any]:
-    """Return the largest |x| [m] and |2ζωẋ + ω²x| [m/s²] at turning points in free vibration, for use in
+    """Return |x| [m] and |2ζωẋ + ω²x| [m/s²] at their next turning points in free vibration, for use in
     compiled functions.
 
     - `period`, `damping`: T_e [s] and ζ [–]

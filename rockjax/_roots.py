@@ -1,8 +1,7 @@
-"""Roots of functions in brackets: bisection, Newton's method inside a bracket, and division of brackets into
-several parts.
+"""Roots of functions in brackets: bisection, Newton's method inside a bracket, and division into many parts.
 
 A bracket is an interval with a function value > 0 at one end and ≤ 0 at the other, in either order. All
-methods work on arrays of brackets.
+functions work on arrays of brackets.
 """
 
 from __future__ import annotations
@@ -15,12 +14,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-MAX_ROUNDS = 64  # limit of divisions of a bracket
-# Offset: typical distance of evaluated points from the root of the straight line through the ends, divided by
-# the length of the bracket.
+MAX_ROUNDS = 64  # largest number of divisions of a bracket
+# `narrow_brackets` evaluates points on both sides of the root of the straight line through the ends. The
+# offset is their typical distance from this root, divided by the length of the bracket.
 FIRST_OFFSET = 0.02  # offset in the first round
-OFFSET_FACTOR = 3.0  # offset divided by the error of the previous root
-MAX_OFFSET = 0.03  # brackets with a larger offset are divided evenly
+OFFSET_FACTOR = 3.0  # offset in later rounds, divided by the error of the previous root
+MAX_OFFSET = 0.03  # brackets with a larger offset are divided into equal parts
 
 
 def bisect(is_positive: Callable[[Any], Any], positive, negative, count: int, xp: Any = np):
@@ -70,12 +69,12 @@ def newton(f: Callable[[Array], Array], positive: Array, negative: Array, count:
 
 
 def points_near_root(at_a, at_b, even: int, offsets, xp: Any = np):
-    """Return points inside brackets from a to b, as ascending fractions of the bracket, shape (n, even +
-    2·offsets).
+    """Return points inside n brackets from a to b, as ascending fractions of the bracket, shape (n, even +
+    2k).
 
     - `at_a`, `at_b`: values at the ends, of different signs, shape (n,)
-    - `even`: number of equally spaced points, which narrow every bracket
-    - `offsets`: distances of further points on both sides of the root of the straight line through the
+    - `even`: number of equally spaced points, which narrow the bracket of any function
+    - `offsets`: k distances of further points on both sides of the root of the straight line through the
       ends, as fractions of the bracket; they narrow brackets of smooth functions quickly
     - `xp`: `numpy` or `jax.numpy`
     """
@@ -91,13 +90,13 @@ def _even_fractions(count: int) -> np.ndarray:
 
 
 class Brackets(NamedTuple):
-    """Brackets as arrays of shape (n,)."""
+    """n brackets, as arrays of shape (n,), and an output of the function (see `narrow_brackets`)."""
 
     a: np.ndarray  # ends with values > 0
     b: np.ndarray  # ends with values ≤ 0
     at_a: np.ndarray  # values at a
     at_b: np.ndarray  # values at b
-    output_at_b: np.ndarray  # outputs of `evaluate` at b
+    output_at_b: np.ndarray  # outputs at b
 
 
 def narrow_brackets(
@@ -110,13 +109,13 @@ def narrow_brackets(
 
     - `brackets`: brackets to narrow
     - `evaluate`: (indices of brackets (m,), points (m, k)) ↦ (values, outputs), both of shape (m, k).
-      NaN counts as > 0
+      A value NaN counts as > 0
     - `relative_width`: width to reach, divided by the larger absolute value of the two ends
     - `lanes`: number of points that are evaluated together
 
-    Points on both sides of the root of the straight line through the ends are evaluated, at a distance
-    that follows from the error of the previous root. If this distance is large, for example because the
-    function jumps, the bracket is divided evenly.
+    Points on both sides of the root of the straight line through the ends are evaluated, at distances that
+    follow from the error of the previous root. If these distances are large, for example because the function
+    jumps, the bracket is divided into equal parts.
     """
     a, b, at_a, at_b, output_at_b = brackets = Brackets(*map(np.array, brackets))
     offset = np.full(a.size, FIRST_OFFSET)

@@ -1,8 +1,9 @@
 """Batches of scenes, solved in lanes.
 
-A lane holds one scene at a time, and takes the next scene when this scene has ended. All lanes of a program
-make trial steps together. One thread for each core has `LANES` lanes and continues from one chunk of scenes
-to the next, without waiting for scenes that are still running. Each accelerator has thousands of lanes.
+A lane solves one scene at a time, and takes the next scene when this scene has ended. All lanes of a program
+make trial steps together. Scenes are prepared in chunks. On a CPU every core has a thread with `LANES` lanes,
+which takes the next chunk without waiting for scenes that are still running. An accelerator has thousands of
+lanes.
 """
 
 from __future__ import annotations
@@ -43,12 +44,12 @@ from .scenes import NO_SCENES, SceneBatch, SceneIndices, broadcast
 # Number of lanes per core. They fill the vector unit, and their data fit into the first-level cache.
 LANES = 32
 CHUNK = 1024  # number of scenes that are prepared together
-QUICK_SCENES_PER_LANE = 5  # a thread is started for at least this number of quick scenes per lane
+QUICK_SCENES_PER_LANE = 5  # least number of quick scenes per lane for which a thread is started
 
 # Values for accelerators, which have far more arithmetic units than a core.
 ACCELERATOR_LANES = (1024, 32768)  # least and largest number of lanes, which is always a power of 2
 ACCELERATOR_CHUNK = 4  # number of scenes in a chunk, per lane
-ACCELERATOR_VALUES = 2**26  # largest number of samples in all lanes; long records get fewer lanes
+ACCELERATOR_VALUES = 2**26  # largest number of samples in all lanes; long records reduce the number of lanes
 
 _BAR_LOCK = threading.Lock()  # several threads and batches may update one progress bar
 
@@ -72,10 +73,10 @@ def peak_responses(
     broadcast to the shape of the batch, except for the axis of a `Record`'s samples. `Motions`, and lists
     of records or of pulses of one class, are a batch of shape (k,).
 
-    Returns a [`rockjax.Peak`][] of NumPy arrays that begin with the shape of the batch. If a scene does not
-    finish, `result` contains the reason, a `RuntimeWarning` counts these scenes, and other scenes are not
-    affected. Ctrl-C raises [`rockjax.Interrupted`][], a `KeyboardInterrupt` that contains the answers so
-    far, once the chunks of scenes that are being solved have ended.
+    Returns a [`rockjax.Peak`][] of NumPy arrays whose first axes have the shape of the batch. If a scene does
+    not finish, `result` contains the reason, a `RuntimeWarning` counts such scenes, and other scenes are not
+    affected. Ctrl-C stops the batch after the present chunk of scenes on each core or device, and raises
+    [`rockjax.Interrupted`][], a `KeyboardInterrupt` that contains the answers so far.
 
     - `podiums`: the structures
     - `excitations`: the ground motions
@@ -140,7 +141,7 @@ def responses(
     sensitivities: Sequence[str] = (),
     on_floors: SecondarySystems = (),
 ) -> Peak:
-    """Compute [`peak_responses`][rockjax.peak_responses] without warnings; another thread can stop it.
+    """Compute [`peak_responses`][rockjax.peak_responses] without warnings. Another thread can stop the batch.
 
     - `podiums`, `excitations`, `initial`, `t_end`, `options`, `progress`, `devices`, `threads`,
       `sensitivities`, `on_floors`: as in `peak_responses`
@@ -225,7 +226,7 @@ class Tally(NamedTuple):
     """Numbers of trials, to measure how well the lanes are used."""
 
     useful: int  # number of trials in lanes with an unfinished scene
-    possible: int  # number of trials in all lanes, with or without a scene
+    possible: int  # number of trials in all lanes of a device, with or without a scene
 
 
 def run_batch(
@@ -237,7 +238,7 @@ def run_batch(
     sensitivities: tuple[str, ...] = (),
     edge_distance: bool = False,
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], Tally]:
-    """Solve a batch. Return floats by name, integers by name, with a row for each scene, and the `Tally`.
+    """Solve a batch. Return the floats and the integers by name, with a row for each scene, and the `Tally`.
 
     - `scenes`: the batch
     - `options`: options of the solver
@@ -245,8 +246,8 @@ def run_batch(
     - `stop`: event that stops the batch, also set by Ctrl-C. No further chunk is started then, and unfinished
       scenes have the code INTERRUPTED. If `stop` is None, Ctrl-C raises `KeyboardInterrupt`
     - `executor`: executor of the lanes; by default all cores or accelerators
-    - `sensitivities`: parameters; the floats include derivatives with respect to the parameters' logarithms,
-      with the parameters along the last axis
+    - `sensitivities`: parameters y; the floats include derivatives with respect to ln y, with the parameters
+      along the last axis
     - `edge_distance`: True to add edge distances to the floats; `sensitivities` must then be `("scale",)`
     """
     executor = executor_for("run_batch") if executor is None else executor
@@ -264,8 +265,8 @@ def run_batch(
         lanes = idle
         while not stopped.is_set():
             if executor.threads > 1 and len(pending) < 2 * executor.threads:
-                # JAX returns before the lanes have advanced. The thread waits here, so that idle threads can
-                # take the last chunks.
+                # JAX returns before the lanes have advanced. Near the end the thread waits for them, so that
+                # idle threads can take the last chunks.
                 jax.block_until_ready(lanes)
             with lock:
                 indices = pending.popleft() if pending else NO_SCENES
@@ -339,7 +340,7 @@ class _Answers:
         return index.size
 
     def close(self) -> None:
-        """Ignore further answers. A thread may still run if Ctrl-C came while threads started."""
+        """Ignore further answers. If Ctrl-C came while threads started, a thread may still run."""
         with self._lock:
             self._closed = True
 

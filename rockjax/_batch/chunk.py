@@ -1,8 +1,8 @@
 """Preparation of a chunk of scenes for the lanes, and the step of a lane.
 
-If sensitivities are requested, every quantity of scenes and states that depends on the parameters has a
-second array with the derivatives, called slopes, with a row for each parameter. Functions of scene and state
-are evaluated together with the slopes of the results (`push_forward`), by the same rules as for one scene.
+If sensitivities are requested, every quantity that depends on the parameters has a second array, its slopes:
+the derivatives, with a row for each parameter. `push_forward` evaluates functions of scene and state together
+with the slopes of their results, by the same rules as for one scene.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class LaneLayout(NamedTuple):
     structure: Any  # tree structure of (podium, excitation, initial, t_end)
     lanes: int  # number of lanes
     size: int  # number of scenes in a chunk, a multiple of the lanes
-    refill: bool  # True if lanes take further scenes of a chunk, False if a chunk has one scene for each lane
+    refill: bool  # True if lanes take further scenes, False if a chunk has only one scene for each lane
     sensitivities: tuple[str, ...] = ()  # parameters for derivatives with respect to their logarithms
     edge_distance: bool = False  # True if edge distances are requested; then `sensitivities` is (SCALE,)
 
@@ -66,8 +66,9 @@ def makes_trials(plan: Plan, options: Options, state: LoopState) -> Flag:
 
 
 def step_functions(plan: Plan, options: Options):
-    """Return two functions (scene, state) ↦ state. The first makes a trial; the second advances a rigid
-    podium in full contact to the next uplift. States to which a function does not apply stay as they are."""
+    """Return two functions (scene, state) ↦ state. The first makes a trial. The second advances a rigid
+    podium in full contact to the next uplift. A state to which a function does not apply is returned
+    unchanged."""
 
     def try_step(scene: Scene, state: LoopState) -> LoopState:
         goes_on = barrier(makes_trials(plan, options, state))
@@ -104,7 +105,7 @@ class Chunk(NamedTuple):
     slopes: _ChunkDerivatives | None  # None if no sensitivities are requested
 
     def starts(self, lanes: int) -> tuple[LoopState, LaneDerivatives | None]:
-        """Return the states of the first `lanes` scenes at the start, and the derivatives of the scenes."""
+        """Return the initial states of the first `lanes` scenes, and the derivatives of scenes and states."""
 
         def start(y, differs):
             return y[:lanes] if differs else jnp.broadcast_to(y, (lanes, *y.shape))
@@ -125,9 +126,9 @@ class Chunk(NamedTuple):
         slopes: LaneDerivatives | None,
         loops: bool = False,
     ):
-        """Evaluate a function in every lane. Return (floats, slopes of the floats, rest).
+        """Evaluate a function in every lane. Return (floats, slopes of the floats, other outputs).
 
-        - `function`: (scene, state) ↦ (floats, rest)
+        - `function`: (scene, state) ↦ (floats, other outputs)
         - `varying`, `states`: leaves of the scenes that vary, and states, with a row for each lane
         - `slopes`: derivatives of `varying` and `states`; if None, the returned slopes are also None
         - `loops`: True if the function contains loops, see `push_forward`
@@ -208,8 +209,8 @@ def prepare_chunk(leaves, layout: LaneLayout, options: Options) -> Chunk:
 def _with_own_states(leaves, layout: LaneLayout) -> tuple[list[Any], tuple[int | None, ...]]:
     """Return the leaves of a chunk, with a separate initial state for each scene, and the axes of the leaves.
 
-    Derivatives of an initial state differ between scenes. If all scenes shared one initial state, results of
-    `restart` in the engine would differ in shape from their derivatives.
+    Derivatives of an initial state may differ between scenes even if its values do not. If all scenes shared
+    one initial state, results of `restart` in the engine would then differ in shape from their derivatives.
     """
     _, _, initial, _ = jax.tree.unflatten(layout.structure, range(len(leaves)))
     positions = jax.tree.leaves(initial)
@@ -235,8 +236,8 @@ def prepare_in_blocks(leaves, layout: LaneLayout, options: Options, count) -> Ch
         ]
         return prepare_chunk(block, layout._replace(size=lanes), options)
 
-    # If there are several blocks, only quantities that all scenes share are taken from this first block. The
-    # loop below prepares the scenes of all blocks.
+    # With more than one block, only the quantities that all scenes share come from this first block. The loop
+    # below prepares the scenes of all blocks.
     first_block = prepare_block(0)
     if layout.size == lanes:
         return first_block
@@ -280,8 +281,8 @@ def _rows_of_scenes(chunk: Chunk) -> tuple[list[Any], list[int], Callable[[list[
 
 
 def _differing(function, axes, leaves):
-    """Return, for each output of a function, whether it differs between scenes if `vmap` maps its leaves
-    over `axes`."""
+    """Return, for each output of a function, whether it differs between scenes. `vmap` maps the arguments
+    `leaves` of the function over `axes`."""
     flags: list[Any] = []
 
     @custom_vmap

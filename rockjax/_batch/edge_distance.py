@@ -2,10 +2,11 @@
 scale of the ground motion.
 
 At the turning points of the rotation, the overturning margin M and the angular deceleration are extrapolated
-linearly in ln s. The scene would overturn where M reaches zero, at the distance M/|∂M/∂ ln s|. Where the
+linearly in ln s. According to the margin, the scene would overturn at the distance M/|∂M/∂ ln s|. Where the
 deceleration reaches zero, the turning point disappears and a different motion follows. The edge distance is
-the smallest of these distances over all turning points of the scene. Turning points with small rotations
-(large M) are left out, because their derivatives grow without bound while the columns bounce.
+the smallest distance to such a zero, over both quantities and all turning points of the scene. Turning points
+with small rotations (large M) are left out, because their derivatives grow without bound while the columns
+bounce.
 """
 
 from __future__ import annotations

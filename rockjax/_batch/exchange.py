@@ -28,11 +28,11 @@ class Lanes(NamedTuple):
     varying: list[Any]  # leaves of `Scene` that vary between scenes, with a row for each lane
     scene_index: jax.Array  # for each lane, index of its scene in the batch; −1 without a scene
     slopes: LaneDerivatives | None = None  # derivatives; None if no sensitivities are requested
-    edge_distance: jax.Array | None = None  # so far, see `edge_distance.py`; None if not requested
+    edge_distance: jax.Array | None = None  # edge distances (`edge_distance.py`) so far, if requested
 
 
 class DoneScenes(NamedTuple):
-    """Answers of scenes that have ended, in the order in which they ended; the first `used` rows are
+    """Answers of scenes that have ended, in the order in which they were stored. The first `used` rows are
     valid."""
 
     scene_index: jax.Array  # indices of the scenes in the batch
@@ -41,7 +41,7 @@ class DoneScenes(NamedTuple):
     used: jax.Array  # number of scenes that have ended
     trials: jax.Array  # number of trials, in which all lanes take part together
     useful: jax.Array  # number of trials that advanced a scene, summed over all lanes
-    running: jax.Array  # number of lanes that still hold a running scene
+    running: jax.Array  # number of lanes that still hold a scene
 
 
 class Loop(NamedTuple):
@@ -173,7 +173,7 @@ def _load_scenes(chunk: Chunk, lanes: Lanes, load, refill: bool) -> Lanes:
 def _append_answers(done: DoneScenes, ended: Flag, scene_index: jax.Array, answers: Answers) -> DoneScenes:
     """Append the answers of the lanes whose scenes have ended.
 
-    Rows are written for all lanes, first for the lanes whose scenes have ended. The other rows are
+    A row is written for every lane, first for the lanes whose scenes have ended. The other rows are
     overwritten later, or ignored.
     """
     lane_indices, ended_so_far = jnp.arange(ended.size), jnp.cumsum(ended)

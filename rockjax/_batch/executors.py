@@ -1,5 +1,5 @@
-"""Executors, which advance the lanes of a batch with one thread per CPU core, or with one thread for several
-devices."""
+"""Executors: they advance the lanes of a batch, with one thread per CPU core, or with one thread for all
+accelerators."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from .exchange import DoneScenes, Lanes
 from .lanes import advance, idle_lanes
 from .scenes import SceneBatch, SceneIndices
 
-# (lanes, indices of the next scenes, whether no scenes follow) ↦ (lanes, scenes that have ended)
+# (lanes, indices of the scenes of a chunk, whether no chunk follows) ↦ (lanes, scenes that have ended)
 Program = Callable[[Lanes, SceneIndices, bool], tuple[Lanes, DoneScenes]]
 
-# Limit of trial steps in a call that finishes the last scenes of a batch. Such calls must be short, because
-# Ctrl-C takes effect between calls.
+# Limit of trial steps in a call that finishes the last scenes of a batch. Calls must be short, because Ctrl-C
+# takes effect between calls.
 MAX_LAST_TRIALS = 30_000
 UNLIMITED_TRIALS = np.iinfo(np.int32).max
 
@@ -47,9 +47,9 @@ class AbstractExecutor(abc.ABC):
 
         - `scenes`, `options`, `layout`: the batch, the options of the solver, and the layout of the lanes
 
-        If no scenes follow, a call of the program ends when all scenes have ended or it reaches its limit of
-        trials. Successive scenes, which take about the same time, go to different devices, so that all
-        devices end at about the same time. Every device has its own lanes and counters.
+        If no chunk follows, a call of the program ends when all scenes have ended, or at a limit of trials.
+        Successive scenes, which take about the same time, go to different devices, so that all devices end at
+        about the same time. Every device has its own lanes and counters.
         """
 
 

@@ -1,8 +1,8 @@
 """Lanes, each of which solves one scene after another.
 
 One call of `advance` processes one chunk of scenes on one core or device. Between calls the lanes keep scenes
-that are still running. Within a call all lanes make trial steps (trials) together. Once several lanes have
-no running scene, these lanes are served (see `exchange.py`).
+that are still running. Within a call all lanes make trial steps (trials) together. Once enough lanes wait,
+because their scene has ended, they store its answers and load the next scene (see `exchange.py`).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from .edge_distance import least_edge_distance
 from .exchange import Answers, DoneScenes, Lanes, Loop, empty_storage, exchange_scenes
 from .scenes import SceneBatch, SceneIndices
 
-WAITING_SHARE = 3 / 32  # lanes are served once this fraction of all lanes waits
+WAITING_SHARE = 3 / 32  # scenes are exchanged once this fraction of all lanes waits
 # Samples are skipped while more than 1/SKIPPING_DIVISOR of the running lanes can skip one.
 SKIPPING_DIVISOR = 2
 
@@ -50,7 +50,7 @@ def advance(
     - `options`: options of the solver
     - `layout`: layout of the lanes
 
-    The call returns when the last scene of the chunk is loaded, and either all scenes have ended or
+    The call returns once the last scene of the chunk is loaded, and either all scenes have ended or at least
     `max_trials` trials have been made. Returns the lanes, and the answers of the scenes that have ended.
     """
     lane_count, size, refill = layout.lanes, layout.size, layout.refill
@@ -97,8 +97,8 @@ def advance(
         return (loop.next_position < count) | (loop.done.trials < max_trials)
 
     def makes_more_trials(loop: Loop) -> Flag:
-        """Return whether to make another trial before the next exchange. As an exchange takes about as long
-        as a trial, it is delayed until several lanes wait or no lane has trials to make."""
+        """Return whether to make another trial before the next exchange. Because an exchange takes about as
+        long as a trial, it is delayed until enough lanes wait or no lane has trials to make."""
         few_wait = count_waiting(loop) < enough_waiting
         return few_wait & jnp.any(makes_trials(plan, options, loop.lanes.states)) & is_unfinished(loop)
 
@@ -140,7 +140,7 @@ def _skip_samples(plan: Plan, options: Options, skip: Callable[[Lanes], Lanes], 
 
 
 def _fields_with_slopes(state: LoopState, lanes: Lanes) -> dict[str, Any]:
-    """Return the fields of a lane that have derivatives, or no fields if no sensitivities are requested."""
+    """Return the fields of a state that have derivatives; none if no sensitivities are requested."""
     return {} if lanes.slopes is None else differentiated_fields(state)
 
 
@@ -151,7 +151,7 @@ def _first_edge_distance(layout: LaneLayout) -> jax.Array | None:
 
 def _with_swapped_axes(lanes: Lanes) -> Lanes:
     """Swap the first two axes of the slopes (lanes and parameters). In the loop, lanes are the second axis,
-    so that they fill a vector."""
+    which suits vector instructions."""
     return lanes._replace(slopes=jax.tree.map(lambda y: jnp.moveaxis(y, 1, 0), lanes.slopes))
 
 
@@ -196,8 +196,8 @@ def _blank_lanes(shapes, option_types, option_structure, layout: LaneLayout) -> 
 
 @StoredProgram
 def _blank_lanes_program(*, shapes, option_types, option_structure, layout: LaneLayout) -> Lanes:
-    """Return lanes without scenes. This is a stored program, because the shapes in the lanes follow only from
-    tracing the preparation of a chunk."""
+    """Return lanes without scenes. Only tracing the preparation of a chunk gives the shapes of the arrays. As
+    a stored program, this is not repeated in later processes."""
 
     def lanes_at_start(leaves, values):
         chunk = prepare_chunk(leaves, layout, jax.tree.unflatten(option_structure, values))

@@ -16,8 +16,8 @@ from rockjax._responses.arguments import as_end, as_start
 from rockjax._results import State
 from rockjax._structures import Podium
 
-MAX_SORTED_SCENES = 4096  # largest batch whose scenes are sorted (see `_order`); larger batches gain little
-MAX_REFILL_VALUES = 64  # lanes take no further scenes if a leaf has more values per scene, as records do
+MAX_SORTED_SCENES = 4096  # largest batch that is sorted (see `_order`); larger batches would gain little
+MAX_REFILL_VALUES = 64  # with more values per scene in a leaf (samples), lanes solve one scene per chunk
 
 
 class SceneIndices(NamedTuple):
@@ -45,9 +45,8 @@ class SceneBatch(NamedTuple):
     """All scenes of a batch, as leaves of (podium, excitation, initial, t_end). The scenes form a grid with
     the shape to which the arguments broadcast."""
 
-    leaves: list[Any]  # distinct rows along the first axis; leaves that all scenes share have no such axis
-    # For each leaf, the index of the row that each scene of the grid uses; None for a leaf that all scenes
-    # share.
+    leaves: list[Any]  # distinct rows along the first axis; a leaf that all scenes share has no such axis
+    # For each leaf, the index of the row of each scene of the grid; None for a leaf that all scenes share.
     rows: list[np.ndarray | None]
     structure: Any  # tree structure of the leaves
     total: int  # number of scenes
@@ -76,7 +75,7 @@ class SceneBatch(NamedTuple):
 
     @property
     def is_wide(self) -> bool:
-        """True if scenes have so much data (`MAX_REFILL_VALUES`) that lanes take no further scenes."""
+        """True if scenes have so much data that a lane solves one scene per chunk (`MAX_REFILL_VALUES`)."""
         return self.values_per_scene > MAX_REFILL_VALUES
 
     def in_grid(self, scene_indices: np.ndarray) -> np.ndarray:
@@ -141,8 +140,8 @@ def _order(excitations: AbstractExcitation, shape: tuple[int, ...]) -> np.ndarra
     """Return the scenes of a grid in the order of the strength of their motions, weak ones first.
 
     Return None for large grids, for a single strength, and for motions without a strength. Motions that just
-    lift the columns take longest; strong motions overturn them soon. If strong motions come last, few lanes
-    are idle at the end of a batch.
+    lift the columns take longest, and strong motions overturn them soon. Therefore few lanes are idle at the
+    end of a batch if strong motions come last.
     """
     if math.prod(shape) > MAX_SORTED_SCENES:
         return None

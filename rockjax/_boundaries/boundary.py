@@ -1,16 +1,15 @@
 """The overturning boundary of a podium: the least scale of a ground motion that overturns it, with
 derivatives.
 
-Survival is not monotone in the scale. Under a record, windows (intervals of scales that overturn) may be
-as narrow as 1e-4 of the range, without any effect on neighbouring scales. Therefore scales are evaluated
-from below up to the first that overturns, spaced so closely that no window of the requested width is missed.
-The change from survival to overturning is then enclosed in ever narrower brackets. If all values are
-concrete, the scenes are solved as a batch on all cores; under `jit` one loop solves one row of scales after
-another.
+A larger scale may survive although a smaller one overturns. Under a record, windows (intervals of scales that
+overturn) may be as narrow as 1e-4 of the range, without any effect on neighbouring scales. Therefore scales
+are evaluated from below up to the first that overturns, spaced so closely that no window of the requested
+width is missed. The change from survival to overturning is then enclosed in ever narrower brackets. If all
+values are concrete, the scenes are solved as batches on all cores. Under `jit` a loop solves rows of scales.
 
 Derivatives of the boundary a* follow from the implicit function theorem, da* = −dM/(∂M/∂a), with the margin M
-just past the boundary. M passes through zero with a nonzero slope, so the derivatives are well conditioned,
-even though the columns linger near the unstable equilibrium.
+just past the boundary. M passes through zero with a nonzero slope. The derivatives are therefore well
+conditioned, even though the columns stay near the unstable equilibrium for a long time.
 """
 
 from __future__ import annotations
@@ -52,7 +51,7 @@ from .refinement import SPACING_SHARE
 
 MAX_ACCELERATION_RATIO = 12.0  # default end of searches for pulses, a_p/(g tan α)
 BOUNDARY = Options(rtol=1e-11, atol=1e-13)  # default options, which determine the accuracy of a boundary
-ONE_SIDED_BELOW = 1e-4  # if a minimum of the margin is lower than this, the boundary is about to jump there
+ONE_SIDED_BELOW = 1e-4  # if a minimum of the margin is below this, the boundary is about to jump there
 
 
 class Boundary(Module):
@@ -62,12 +61,12 @@ class Boundary(Module):
       differentiable (the derivative is zero if `scale` is inf)
     - `found`: True if a scale in the range overturns
     - `impacts`: number of impacts before overturning, at a scale just past the boundary
-    - `dip`: the least minimum of the overturning margin, as a function of the scale, below the boundary; 1 if
-      there is no minimum. If it became zero, the boundary would jump to the scale of this minimum
+    - `dip`: the least minimum of the overturning margin as a function of the scale, below the boundary; 1 if
+      there is no minimum. If the dip became zero, the boundary would jump to the scale of this minimum
     - `one_sided`: True if the dip is so low that the boundary is about to jump; the derivative is then
       one-sided
-    - `certain_width`: every interval of overturning scales below `scale` that is wider than this would have
-      been found [–]. It is at most the requested `width` times `max_scale`, or more if scenes did not finish
+    - `certain_width`: width above which every interval of overturning scales below `scale` would have been
+      found [–]. It is at most the requested `width` times `max_scale`, unless scenes did not finish
     """
 
     scale: Float[Array, "*batch"]
@@ -108,13 +107,13 @@ def overturning_acceleration(
     does.
 
     The function works under `jit` and `vmap`. `grad` and `jacfwd` give derivatives with respect to `T_p` and
-    every parameter of `podium`. They are exact as long as the boundary does not jump, and zero if the result
-    is inf. [`rockjax.overturning_boundary`][] returns more details.
+    every parameter of `podium`. They are exact unless the boundary jumps, and zero if the result is inf.
+    [`rockjax.overturning_boundary`][] returns more details.
 
     - `podium`: podium with scalar parameters
     - `pulse`: a class of pulses such as `rockjax.Ricker`, or a function (a_p, T_p) ↦ excitation that is
       proportional to a_p. The function may also return a [`rockjax.GroundMotion`][], whose vertical
-      component may be independent of a_p; other parameters of such a motion are held constant under
+      component may be independent of a_p; other parameters of the pair are held constant under
       differentiation
     - `T_p`: pulse period, > 0 [s]
     - `max_acceleration_ratio`: end of the search, a_p/(g tan α) [–]
@@ -179,12 +178,12 @@ def overturning_boundary(
     - `excitation`: ground motion that can be scaled
     - `max_scale`: end of the search, > 0 [–]
     - `options`: options of the scenes, which determine the accuracy of the boundary
-    - `width`: fraction of `max_scale`, in (0, 0.1]. No wider interval of overturning scales below the
-      boundary is missed. Scales are evaluated from the first that lifts the columns up to the
+    - `width`: fraction of `max_scale`, in (0, 0.1]. No interval of overturning scales below the boundary that
+      is wider than this is missed. Scales are evaluated from the first that lifts the columns up to the
       boundary. Their spacing follows from derivatives of the margin, or is about `width` under `jit`. A
-      `max_scale` far above the boundary takes little time, but a range in which nothing overturns takes up to
+      `max_scale` far above the boundary costs little time, but a range in which nothing overturns needs up to
       about 1/`width` scenes
-    - `resolution`: minimum number of equal steps in the range, even if `width` is large; a whole number ≥ 32
+    - `resolution`: least number of equal steps in the range, however large `width` is; a whole number ≥ 32
 
     Raises `ValueError` for invalid inputs, if they are concrete.
     """
@@ -264,29 +263,29 @@ def _boundary(podium: Podium, excitation, limit, options: Options, width, uses_m
 def boundary_slopes(
     podium: Podium, excitation: AbstractExcitation, scale: float, max_scale: float, options: Options
 ) -> tuple[np.ndarray, tuple[int, ...]]:
-    """Return the derivatives of a known boundary, shape (k,), and the indices of the k parameters among the
-    leaves of (podium, excitation in its common form).
+    """Return the derivatives of a boundary that has been found, shape (k,), and the indices of the k
+    parameters among the leaves of (podium, excitation in its common form).
 
     - `podium`, `excitation`, `max_scale`, `options`: arguments of the search; no value may be traced
     - `scale`: the boundary; if it is inf, the derivatives are zero
     """
-    known = podium, excitation.common_form()
-    positions = scalar_positions(jax.tree.leaves(known))
-    arguments = (*known, as_float(max_scale), (options, as_float(DEFAULT_WIDTH)))
+    scene = podium, excitation.common_form()
+    positions = scalar_positions(jax.tree.leaves(scene))
+    arguments = (*scene, as_float(max_scale), (options, as_float(DEFAULT_WIDTH)))
     uses_margin = has_margin(options, podium)
     slopes = boundary_gradient(arguments, as_float(scale), positions=positions, uses_margin=uses_margin)
     return np.asarray(slopes), positions
 
 
 def _without_tangents(tree):
-    """Return the concrete values of a pytree, without tangents. This saves time: outside jit every jnp
-    operation on tangents compiles separately. A pytree with traced values stays as it is."""
+    """Return the concrete values of a pytree, without tangents. A pytree with traced values stays as it is.
+    This saves time, because outside jit every jnp operation on tangents compiles separately."""
     return jax.tree.map(value_of, tree) if all(map(is_concrete, jax.tree.leaves(tree))) else tree
 
 
 def _make_search(structure, uses_margin: bool) -> Callable[..., FirstBoundary]:
-    """Return the search as a function of all leaves. The search runs in NumPy if the leaves are concrete,
-    also under `vmap`."""
+    """Return the search as a function of all leaves of its arguments. If the leaves are concrete, the search
+    uses NumPy, also under `vmap`."""
 
     @jax.custom_batching.custom_vmap
     def program(*leaves):
@@ -294,7 +293,7 @@ def _make_search(structure, uses_margin: bool) -> Callable[..., FirstBoundary]:
 
     @program.def_vmap
     def _(count, mapped, *leaves):
-        # In NumPy, all searches must have the same options and width.
+        # With NumPy, all searches must have the same options and width.
         has_common_settings = not any(jax.tree.leaves(jax.tree.unflatten(structure, mapped)[3]))
         if has_common_settings and not _any_traced(leaves):
             rows = [
@@ -311,7 +310,7 @@ def _make_search(structure, uses_margin: bool) -> Callable[..., FirstBoundary]:
         if _any_traced(leaves):
             return program(*leaves)
         first = _search_in_batches([np.asarray(y)[None] for y in leaves], 1, structure, uses_margin)
-        # NumPy arrays stay concrete under a transformation, where JAX would trace even concrete values.
+        # NumPy arrays stay concrete inside a transformation such as `grad`; JAX arrays would be traced.
         return jax.tree.map(lambda y: np.asarray(y[0]), first)
 
     return search
@@ -347,8 +346,8 @@ def _search_in_batches(rows: list[np.ndarray], count: int, structure, uses_margi
 
 
 def _pick_motions(excitation, line: np.ndarray, pick) -> Any:
-    """Return the motion of each scene, where `line` is the index of the scene's search. `pick` selects
-    elements of an array by `line`. The samples of several records stay in one table."""
+    """Return the motions of scenes. `line` contains the index of each scene's search, and `pick` selects the
+    elements of an array for these searches. The samples of several records stay in one table."""
     if isinstance(excitation, GroundMotion):
         components = (_pick_motions(y, line, pick) for y in (excitation.horizontal, excitation.vertical))
         return GroundMotion(*components)

@@ -38,15 +38,15 @@ from .refinement import (
 # A plane of scenes: (x, y) ↦ (podium, excitation), for scalars, arrays that broadcast, and tracers.
 Plane = Callable[[Any, Any], tuple[Podium, AbstractExcitation]]
 
-# Intervals with a larger `curvature_indicator` are refined; the theoretical limit is 1.
+# Intervals with a larger `curvature_indicator` are refined. In theory an indicator below 1 would suffice.
 MAX_CURVATURE_INDICATOR = 0.1
 REFINEMENT_ROUNDS = 8  # largest number of rounds in which such intervals are refined
 PARTS = 4  # number of parts into which a round divides an interval
 MIN_INTERVAL = 1e-6  # shorter intervals are not refined [length of the line]
 
 DIP_DIVISIONS = 256  # intervals beside the lowest dips are divided into at least this number of parts
-WINDOW_DIVISIONS = 16  # this number if only dips that may reach below zero are refined
-BRACKET_RTOL_SHARE = 0.1  # least width of a bracket, relative to y and divided by rtol
+WINDOW_DIVISIONS = 16  # the same if only dips that may reach below zero are refined
+BRACKET_RTOL_SHARE = 0.1  # width at which a bracket is narrow enough, relative to y and divided by rtol
 
 
 class Crossings(NamedTuple):
@@ -54,7 +54,7 @@ class Crossings(NamedTuple):
 
     line: np.ndarray  # index of the line
     y: np.ndarray  # position of the change
-    overturns: np.ndarray  # True if scenes overturn for larger y, False if they overturn for smaller y
+    overturns: np.ndarray  # True if scenes just above y overturn, False if scenes just below y do
     impacts: np.ndarray  # number of impacts before overturning, on the overturned side
 
     def table(self, lines: int) -> tuple[np.ndarray, np.ndarray]:
@@ -97,7 +97,7 @@ class Scan(NamedTuple):
     crossings: Crossings
     lower_end_survives: np.ndarray  # True for lines whose lower end survives
     dip: np.ndarray  # lowest dip below the first crossing of each line; 1 for a line without dips
-    certain_width: np.ndarray  # largest width of an overturning interval that the scan may have missed
+    certain_width: np.ndarray  # for each line, width above which no overturning interval was missed
     scenes: int  # number of solved scenes
 
 
@@ -119,13 +119,13 @@ def scan(
     - `x`: positions of the lines, shape (lines,)
     - `y_range`: ends of the lines
     - `resolution`: number of equal intervals of each line, whose ends are evaluated first
-    - `options`: options of the scenes at full accuracy; scenes that only scan are less accurate
+    - `options`: options of the scenes that enclose the changes; other scenes are less accurate
     - `progress`: `True` for a progress bar, or any object with a method `update(number_of_scenes)`
-    - `refine_curved`: True to refine intervals in which the margin bends so much that it may cross zero
+    - `refine_curved`: True to refine intervals in which the margin is so curved that it may cross zero
       unnoticed; ignored with `first_only`
     - `first_only`: True to return only the first change of each line
-    - `width`: below the first change no overturning interval wider than this fraction of the range is
-      missed, if the motion is proportional to y. None omits the search for such intervals
+    - `width`: fraction of the range. If the motion is proportional to y, no overturning interval below the
+      first change that is wider than this is missed. None omits the search for such intervals
     - `dips`: True to refine the lowest dips of the margin; otherwise only dips in which an overturning
       interval may open are refined, and `Scan.dip` is approximate
 
@@ -224,7 +224,7 @@ def margins(
         np.where(failed, np.nan, value),
         np.where(failed, 0.0, np.nan_to_num(edge_distance, posinf=np.inf)),
     )
-    # The arrays are copied, because results at full accuracy will be written into them.
+    # The results are copied to writable arrays, into which results at full accuracy are written later.
     value, impacts, edge_distance = (
         np.array(np.broadcast_to(y, x.shape)) for y in (value, impacts, edge_distance)
     )
@@ -247,14 +247,15 @@ def _has_edge_distances(plane: Plane, x: np.ndarray, max_y: float, options: Opti
 
 
 def curvature_indicator(y: np.ndarray, margin: np.ndarray, same_line: np.ndarray) -> np.ndarray:
-    """Return how much the margin may bend between neighbours, divided by the distance of the margin from
-    zero, shape (n−1,).
+    """Return how much the margin may deviate from a straight line between neighbours, divided by its distance
+    from zero, shape (n−1,).
 
     - `y`, `margin`: positions and margins, sorted by line and y, shape (n,)
     - `same_line`: True for neighbours that belong to the same line, shape (n−1,)
 
-    If the indicator is at most 1, second differences show that the margin does not cross zero unnoticed, and
-    crosses zero only once between a survivor and an overturned scene.
+    If the indicator is at most 1, the margin, with a curvature estimated from second differences, does not
+    cross zero between neighbours with the same outcome, and only once between neighbours with different
+    outcomes.
     """
     h = np.where(same_line, y[1:] - y[:-1], 1.0)
     h = np.where(h > 0, h, 1.0)

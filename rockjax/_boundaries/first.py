@@ -25,7 +25,7 @@ from rockjax._roots import points_near_root
 
 ROW_SIZE = 32  # number of scales in a row
 DIPS = ROW_SIZE // 2  # number of lowest dips that are refined, each by one new scale on either side
-MAX_ZOOMS = 7  # number of times that the dips are refined
+MAX_ZOOMS = 7  # number of rows that refine the dips
 BRACKET_TOLERANCE = 1e-12  # relative width at which a bracket is narrow enough
 MAX_DIVISIONS = 12  # largest number of times that a bracket is divided
 # Distances of scales from the linearly interpolated root, divided by the width of the bracket.
@@ -42,7 +42,7 @@ class FirstBoundary(NamedTuple):
 
     scale: Any  # the least scale that overturns; inf if nothing overturns
     dip: Any  # the lowest dip of the margin below the boundary; 1 if there is none
-    certain_width: Any  # the search finds every overturning interval below the boundary wider than this
+    certain_width: Any  # width above which the search finds every overturning interval below the boundary
     impacts: Any  # number of impacts before overturning
 
 
@@ -50,14 +50,14 @@ class _State(NamedTuple):
     """State of the search."""
 
     stage: Array
-    rounds: Array  # number of rows in this stage, counted while dips and brackets are refined
+    rounds: Array  # number of rows in the present stage, if it refines dips or brackets
     scanned_to: Array  # end of the scanned part of the range
     lo: Array  # the last surviving scale below `hi`
     lo_margin: Array  # margin at `lo`
     hi: Array  # the first scale that overturns; inf until one is found
     hi_margin: Array  # margin at `hi`
     impacts: Array  # number of impacts at `hi`
-    widest_step: Array  # between neighbouring finished scenes below `hi`
+    widest_step: Array  # largest step between neighbouring finished scenes below `hi`
     previous: Array  # the surviving scale before `lo`
     previous_margin: Array  # margin at `previous`
     dips: Array  # scales around the lowest dips: before, at and after the minimum, shape (DIPS, 3)
@@ -82,8 +82,8 @@ def first_boundary(solve_row: SolveRow, limit: Array, spacing: Array) -> FirstBo
         scales = jax.lax.switch(
             state.stage, [functools.partial(scales_of, state, limit, spacing) for scales_of in _SCALES]
         )
-        # Under `vmap`, searches that have ended wait for the others. Meanwhile they solve scenes without
-        # motion.
+        # Under `vmap`, searches that have ended wait for the others, and meanwhile solve scenes of scale 0,
+        # without motion.
         scales = jnp.where(_is_unfinished(state, limit), scales, 0.0)
         margin, impacts = solve_row(scales, state.stage >= CONFIRM)
 

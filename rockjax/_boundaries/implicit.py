@@ -46,7 +46,7 @@ def _root_change(slope, change, fallback: float):
 def boundary_change(leaves, varied_tangents, scale, structure, varied: tuple[bool, ...], uses_margin: bool):
     """Return the tangent of a boundary from the tangents of parameters; zero if there is no boundary.
 
-    - `leaves`: all leaves of the search's arguments
+    - `leaves`: leaves of the arguments of the search, with the tree structure `structure`
     - `varied_tangents`: tangents of the leaves that vary
     - `scale`: the boundary; inf if there is none
     - `structure`: tree structure of (podium, excitation, limit, (options, width))
@@ -67,7 +67,7 @@ def boundary_change(leaves, varied_tangents, scale, structure, varied: tuple[boo
         return _residual(podium, excitation.scaled(scale), options, uses_margin)
 
     point = tuple(leaves[k] for k in varied_indices)
-    # The slope needs a call of its own, because reverse mode transposes the call with `varied_tangents`.
+    # The slope needs a separate call, because reverse mode transposes the call with `varied_tangents`.
     _, pushforward = jax.linearize(residual, past, *point)
     slope = numpy.asarray(pushforward(numpy.ones_like(past), *(numpy.zeros_like(y) for y in point)))
     change = pushforward(numpy.zeros_like(past), *varied_tangents)

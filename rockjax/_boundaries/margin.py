@@ -12,14 +12,14 @@ from rockjax._checks import concrete
 from rockjax._options import Options
 from rockjax._structures import Podium
 
-DEFAULT_WIDTH = 1e-4  # overturning intervals wider than this fraction of the range are not missed
-SCAN_TOLERANCE = 1e-6  # tolerance of scanned scenes; boundaries between them have about this relative error
+DEFAULT_WIDTH = 1e-4  # by default, no overturning interval wider than this fraction of the range is missed
+SCAN_TOLERANCE = 1e-6  # tolerance in a scan, and about the relative error of boundaries between its scenes
 _LEAST_SURVIVING_MARGIN = float(np.finfo(np.float32).tiny)  # least margin of a scene that survives
 
 
 def has_margin(options: Options, podium: Podium) -> bool:
-    """Return whether the overturning margin applies: `overturn_ratio`·α is concrete, and at most the
-    stability angle θ_s (which is α if there are no tendons)."""
+    """Return whether the overturning margin applies: the overturning angle `overturn_ratio`·α is concrete,
+    and is at most the stability angle θ_s (α if there are no tendons)."""
     ratio = concrete(options.overturn_ratio)
     if ratio is None or bool(np.all(ratio <= 1)):
         return ratio is not None
@@ -50,11 +50,11 @@ def signed_margin(floats: dict[str, Any], overturned, overturn_ratio, uses_margi
 
 
 def boundary_residual(floats: dict[str, Any], uses_margin: bool):
-    """Return the output to differentiate just past the boundary: the margin or, if it does not apply, the
-    time of overturning.
+    """Return the output that is differentiated just past the boundary: the margin or, if it does not apply,
+    the time of overturning.
 
-    The time of overturning and its derivatives grow without bound towards the boundary, but the ratio of two
-    derivatives tends to the derivative of the boundary.
+    The time of overturning and its derivatives grow without bound towards the boundary, but ratios of its
+    derivatives tend to derivatives of the boundary.
     """
     return floats["margin" if uses_margin else "overturn_time"]
 
@@ -65,7 +65,7 @@ def margin_options(options: Options, uses_margin: bool) -> Options:
 
 
 def scan_options(options: Options, width, xp: Any = jnp) -> Options:
-    """Return less accurate options for scanning, with which no overturning interval wider than `width`, a
-    fraction of the range, is missed. The search later confirms changes of the outcome with `options`."""
+    """Return less accurate options for a scan, still accurate enough to find overturning intervals wider than
+    `width`, a fraction of the range. Changes of the outcome are later confirmed with `options`."""
     loose = SCAN_TOLERANCE * xp.minimum(1.0, width / DEFAULT_WIDTH)
     return options.replace(rtol=xp.maximum(options.rtol, loose), atol=xp.maximum(options.atol, 1e-2 * loose))

@@ -1,12 +1,14 @@
 """Points along lines of scenes: the spacing of points, and the search for windows between points.
 
-A window is an interval of y in which scenes overturn. The edge distance of a scene is the estimated change of
-y at which the scene could overturn (see `_batch/edge_distance.py`). Two neighbours that both survive may be
-as far apart as `DISTANCE_SHARE` times the sum of both edge distances: a window in between would contradict
-the derivatives at all turning points of both scenes. But some windows that are a few spacings wide do not
-affect the scenes beside them. Therefore neighbours are at most `MAX_SPACINGS` spacings apart, and one spacing
-if edge distances are short or unknown. A spacing is slightly less than the requested width. This is an
-estimate, not a proof; for comparison `benchmarks/boundaries.py` evaluates every scale.
+A window is an interval of y in which scenes overturn. The search must not miss windows wider than a requested
+width; the spacing is slightly less than this width. The edge distance of a scene is the estimated change of y
+at which the scene could overturn (see `_batch/edge_distance.py`).
+
+The distance of two neighbours that both survive is at most `DISTANCE_SHARE` times the sum of both edge
+distances: a window in between would contradict the derivatives at all turning points of both scenes. But
+windows that are a few spacings wide may have no effect on the scenes beside them. Therefore the distance is
+also at most `MAX_SPACINGS` spacings. It is one spacing if edge distances are short or unknown. This rule is
+an estimate, not a proof. For comparison `benchmarks/boundaries.py` evaluates every scale.
 
 Points are whole multiples of the spacing, so that repeated divisions of a step end at exactly one spacing.
 """
@@ -31,7 +33,7 @@ MAX_PARTS = 16  # largest number of parts into which an interval is divided at o
 ROUND_SCENES = 2048  # number of scenes in a round, distributed among all lines
 MIN_LINE_SCENES = 64  # minimum number of scenes of each line in a round
 GRAZING = 1e-3  # scenes with a margin below this are solved at full accuracy
-MIN_PARTS = 4  # least number of parts of an interval beside a dip; more parts fill batches of few intervals
+MIN_PARTS = 4  # least number of parts of an interval beside a dip; more if there are few such intervals
 
 
 class SolvedScenes(NamedTuple):
@@ -60,7 +62,7 @@ class SolvedScenes(NamedTuple):
         return k[np.unique(self.line[k], return_index=True)[1]] if first_only else k
 
     def below_first_change(self) -> list[slice]:
-        """Return a slice of scenes for each line: from the last scene in which the columns do not lift to
+        """Return a slice of scenes for each line: from the last scene in which the columns do not lift up to
         the first that overturns.
 
         In full contact the response is proportional to the motion. Therefore, if a scale does not lift
@@ -81,9 +83,9 @@ SolveScenes = Callable[[np.ndarray, np.ndarray, bool], SolvedScenes]
 
 
 def spacing_for(width: float | None, size: float, resolution: int) -> float:
-    """Return the spacing of points at which no window wider than `width` is missed.
+    """Return the spacing of points with which no window wider than `width` is missed.
 
-    - `width`: width of a window divided by `size`; if None, the spacing is inf, for no search
+    - `width`: width of a window divided by `size`; None to omit the search, with the spacing inf
     - `size`: length of the range
     - `resolution`: number of equal steps of the range; the spacing is a step divided by a whole number
     """
@@ -130,7 +132,7 @@ def widest_gaps(solved: SolvedScenes, spacing: float, line_end: float) -> np.nda
     for below in solved.below_first_change():
         y, finished = solved.y[below], ~np.isnan(solved.margin[below])
         is_allowed = np.diff(y) <= _allowed_steps(solved, below, spacing) * (1 + 1e-9)
-        # A step that edge distances allow may hide a window as wide as the spacing. Other steps may hide a
+        # A step of an allowed length may hide a window as wide as the spacing. A longer step may hide a
         # window as wide as the step.
         widest_hidden = np.where(is_allowed, np.minimum(np.diff(y), spacing), np.diff(y))
         finished_indices = np.flatnonzero(finished)

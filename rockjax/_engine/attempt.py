@@ -25,7 +25,7 @@ from .state import Decision, LoopState, Plan, Scene
 SIMULTANEOUS = 100
 # Step-size control: safety factor, and the limits of the factor from one step length to the next.
 SAFETY, SHRINK, GROW = 0.85, 0.2, 5.0
-# Limit of |y| in the series for the duration of a hop (`_length`); for y > 1 the columns would not return.
+# Limit of |y| in the series for the duration of a hop (`_length`). For y > 1 the columns would not return.
 MAX_SERIES_ARGUMENT = 0.8
 GroundAcceleration = Callable[[Value], Value]  # t ↦ ü_g(t) on one piece of the excitation
 
@@ -37,7 +37,7 @@ class Attempt(NamedTuple):
     reaches_stop: Flag  # the step ends at `stop`
     stop: Value  # time of the next breakpoint or of the end of the scene, with its derivative [s]
     ends_scene: Flag  # the step ends at the end of the scene
-    starts_at_zero: Flag  # the step starts on θ = 0, after an impact or an uplift
+    starts_at_zero: Flag  # the step starts rocking from θ = 0, after an impact or an uplift
     a0: Vector  # accelerations at the start
     end: Step  # state, accelerations and error estimates at the end
     error: Value  # estimated error divided by the tolerance
@@ -59,7 +59,7 @@ class StepOutcome(NamedTuple):
 
 
 def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Decision | None) -> Attempt:
-    """Try one step from a state, without judging its events.
+    """Try one step from a state, without a search for events.
 
     - `scene`, `plan`: the prepared scene and its static choices
     - `state`: state at the start of the step
@@ -75,12 +75,10 @@ def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Dec
     def field(t, x, v):
         return acceleration(c, state.sigma, ground_at(t), x, v)
 
-    # A step ends at the next breakpoint at the latest. It covers a whole hop (the motion from one impact to
-    # the next) if the tolerance allows.
     time_resolution = 1e-13 * (jnp.abs(t) + 1 / constant(c.p))
     next_breakpoint = scene.excitation.breakpoint(state.piece)
-    # A breakpoint just before the end of the scene is ignored: the step goes on to the end of the scene, and
-    # the time of its end has the derivative of the scene's end.
+    # A step ends at the next breakpoint at the latest. A breakpoint just before the end of the scene is
+    # ignored, so that the end of the last step has the derivative of the scene's end.
     is_last = constant(scene.end) <= constant(next_breakpoint) + SIMULTANEOUS * time_resolution
     stop = jnp.where(is_last, scene.end, next_breakpoint)
     a0 = field(t, state.x, state.v)
@@ -125,7 +123,8 @@ def _length(
     )
     split = jnp.where(state.h > 0.5 * remaining, scene.split_fraction * remaining, state.h)
     h = jnp.where(covers_remaining, remaining, split)
-    # After an impact θ̈ is nearly constant over a short hop, which then lasts 2|θ̇/θ̈|.
+    # The first step after an impact covers at most one hop, the motion up to the next impact. A short hop, in
+    # which θ̈ is nearly constant, lasts 2|θ̇/θ̈|.
     theta_dot = jax.lax.stop_gradient(state.v[0])
     returns = starts_at_zero & (theta_dot * theta_ddot < 0)
     safe_theta_ddot = jnp.where(returns, theta_ddot, 1.0)
@@ -147,17 +146,17 @@ def _length(
 
 
 def _to_impact(state: LoopState, theta_ddot: Value, jerk: Value, h: Value) -> Value:
-    """Return the step length, shortened to the next impact if a cubic of θ predicts one.
+    """Return the step length, shortened to the next impact if a cubic of θ predicts an impact in the step.
 
-    Under sampled ground motions the prediction is so close that most trials end on the impact at once.
+    Under sampled ground motions the prediction is so accurate that most trials land on the impact at once.
     """
     one, zero = jnp.ones_like(h), jnp.zeros_like(h)
     theta, theta_dot = jax.lax.stop_gradient((state.x[0], state.v[0]))
     angle, rate, curvature, jerk = (state.sigma * y for y in (theta, theta_dot, theta_ddot, jerk))
     path = barrier(Quintic(angle, h * rate, h**2 * curvature / 2, h**3 * jerk / 6, zero, zero))
     hits = (angle > 0) & (path.value(one) < 0)
-    # `earliest` is a lower bound on the time of the impact divided by h. It keeps an unconverged search from
-    # choosing a step of almost no length again and again.
+    # `earliest` is a lower bound on the time of the impact divided by h. Without it, a search that has not
+    # converged could return almost zero again and again.
     earliest = safe_ratio(angle, sum((jnp.abs(c) for c in path[1:]), zero), hits)
     return jnp.where(hits, h * crossing(path, earliest, one), h)
 
@@ -165,7 +164,7 @@ def _to_impact(state: LoopState, theta_ddot: Value, jerk: Value, h: Value) -> Va
 def _jerk(state: LoopState, field: Acceleration, a0: Vector) -> Value:
     """Return d³θ/dt³ at the start of the step [rad/s³].
 
-    Under sampled ground motions, and if an output needs every impact, it predicts the next impact.
+    It predicts the next impact, under sampled ground motions and if an output needs every impact.
     """
     rates = jnp.ones_like(state.t), state.v, a0
     _, jerks = jax.jvp(field, (state.t, state.x, state.v), rates)
@@ -224,7 +223,7 @@ def next_length(scene: Scene, state: LoopState, trial: Attempt, t: Value) -> Val
     - `state`, `trial`: the state before the accepted step, and the step
     - `t`: time at the end of the step [s]
 
-    The proposal does not decrease after an accurate step that only an event or a breakpoint has shortened.
+    If only an event or a breakpoint has shortened an accurate step, the proposal does not decrease.
     """
     proposed = trial.h * trial.growth
     shortened = (trial.h < 0.99 * state.h) & (trial.error < 0.5)

@@ -14,7 +14,7 @@ from rockjax._excitations.ground import PairLookahead
 from rockjax._types import Flag, Flags, Index, Value, Values
 
 from .coefficients import Coefficients, Vibration, not_none, summed, weighted
-from .energy import energy, energy_after, potential, vertical_impulse
+from .energy import energy, energy_after, potential, vertical_impulse_weight
 from .model import horizontal, restraint_bound
 from .state import LoopState, Scene
 
@@ -22,7 +22,7 @@ T = TypeVar("T")
 
 
 def all_true(flags: Flags) -> Flag:
-    """Return whether a flag holds for all modes or stories."""
+    """Return whether all flags hold; the last axis is that of modes or stories."""
     return jnp.all(flags, axis=-1) if flags.ndim else flags
 
 
@@ -38,7 +38,8 @@ class Bounds:
     - `min_impact_speed`: largest |θ̇| before an impact that leads to rest [rad/s]
     - `stays_inside`: whether the rotation stays inside the well
     - `rests`: whether the columns rest for good
-    - `demand`: bound on the uplift demand |q| of Eq. (9) in full contact [m/s²]
+    - `demand`: bound on the uplift demand |q| of Eq. (9) in full contact [m/s²]; only if full contact is
+      integrated step by step
     - `velocity_amplitudes`: for each mode, bound on √(u̇_i² + ω_i²u_i²) in full contact [m/s]; None without
       modes
     """
@@ -69,9 +70,9 @@ class Bounds:
         - `follows_contact`: whether full contact is integrated step by step. Otherwise the podium is rigid
           and goes directly to its next uplift, or the scene ends
 
-        After this state the energy stays below `energy_after`. If the bound on |q| in full contact is below
-        the uplift threshold, the columns never lift again, and the modes vibrate independently. Vertical
-        motion raises the bounds on the energy, (C19), and on the demand.
+        `energy_after` gives the bound on the energy. If the bound on |q| in full contact is below the uplift
+        threshold, the columns never lift again, and the modes vibrate independently. Vertical motion raises
+        the bounds on the energy, (C19), and on the demand.
         """
         self = cls()
         self._shared_results = {}
@@ -88,7 +89,7 @@ class Bounds:
         self.vertical = 0.0
         if isinstance(scene.lookahead, PairLookahead):
             self.vertical = scene.lookahead.vertical_peak(t, piece)
-            weight = vertical_impulse(c, self.max_sin_psi)
+            weight = vertical_impulse_weight(c, self.max_sin_psi)
             impulse_sum = impulse + weight * scene.lookahead.vertical_impulse(t, piece)
             max_energy = energy_after(c, energy_now, impulse_sum)
         self.energy = max_energy
@@ -110,7 +111,7 @@ class Bounds:
         return self
 
     def shared(self, make: Callable[[Self], T]) -> T:
-        """Return the result of a function of the bounds, computed once for all outputs."""
+        """Return `make` of these bounds. The result is computed once, for all outputs."""
         if make not in self._shared_results:
             self._shared_results[make] = make(self)
         return self._shared_results[make]
@@ -122,7 +123,8 @@ class Bounds:
     def modal_sum(self, weights: Values, beam_weight: Value | float = 0.0) -> Value:
         """Bound Σ w_i y_i over the modes i, for any y_i with |y_i| ≤ √(u̇_i² + ω_i²d_i²), where d_i is the
         deformation. While the columns rock, the bound is √(2E(Σ w_i²/η_i + `beam_weight`)) with the bound E
-        on the energy; `beam_weight` is for a further term with the velocity of the beam."""
+        on the energy. `beam_weight` is not zero if the sum has a further term with the velocity of the
+        beam."""
         rocking = jnp.sqrt(2 * self.energy * (summed(weights**2 / _nonzero(self.c.etas)) + beam_weight))
         return self.either(weighted(jnp.abs(weights), not_none(self.velocity_amplitudes)), rocking)
 

@@ -45,7 +45,7 @@ class Restraint(NamedTuple):
     """Constants of the restrainers."""
 
     restrainers: tuple[AbstractRestrainer, ...]
-    slip: Value  # |elongation rate|/(Rp) below which infinite slopes of forces are rounded
+    slip: Value  # |elongation rate|/(Rp) below which forces with an infinite slope are smoothed
     well: Value  # θ_w: |θ| at the top of the potential well [rad]
     apparent_mass: Value | None  # μ; None if there are no inerters
     restrained_frequency: Value | None  # frequency of rocking due to tendons [rad/s]; None without tendons
@@ -110,8 +110,9 @@ class Coefficients(NamedTuple):
 
 
 def divided_by_inertia(c: Coefficients) -> Coefficients:
-    """Return constants for use in `acceleration` only. If the inertia is constant (a rigid podium without
-    restrainers), gravity and ground are divided by it, which saves a division in each stage of a step."""
+    """Return constants that are valid in `acceleration` only. If the inertia is constant (a rigid podium
+    without restrainers), `gravity` and `ground` are divided by it, and each stage of a step saves a
+    division."""
     if c.vibration is not None or c.restraint is not None:
         return c
     gravity, ground = barrier((c.gravity / c.inertia, c.ground / c.inertia))
@@ -135,7 +136,7 @@ def weighted(weights: Values, values: Values) -> Value:
 
 
 SLIP = 1e-8  # default of the tolerance `slip`
-ROUNDED_BELOW = 10.0  # steep forces (`Restraint.steep`) are rounded where |θ̇|/(pα) is below this times `slip`
+SMOOTHED_BELOW = 10.0  # steep forces are smoothed where |θ̇|/(pα) is below this multiple of `slip`
 
 
 def coefficients(
@@ -144,7 +145,7 @@ def coefficients(
     """Return the constants of Eqs. (9), (19), (22), (24), (27) for one podium; use `vmap` for batches.
 
     - `podium`: the podium, with scalar parameters
-    - `slip`: relative tolerance; dampers with ν < 1 are rounded below |θ̇|/(pα) = 10 `slip`
+    - `slip`: relative tolerance; forces of dampers with ν < 1 are smoothed below |θ̇|/(pα) = 10 `slip`
     - `vertical`: whether the ground moves vertically as well
     - `joints`: whether joint forces are requested
     """
@@ -158,7 +159,7 @@ def coefficients(
         cos_alpha=jnp.cos(podium.alpha),
         p=p,
         restitution=podium.restitution_factor,
-        # A demand equal to the threshold causes no uplift; the tolerance prevents uplift due to rounding.
+        # A demand equal to the threshold causes no uplift. The factor prevents uplift due to rounding.
         uplift=podium.uplift_acceleration * (1 + 64 * jnp.finfo(R.dtype).eps),
         two_R=2 * R,
         inertia=3 * gamma + 0.75 * (1 + lam),
@@ -225,7 +226,7 @@ def _restraint(podium: Podium, slip: Value | float) -> Restraint | None:
     k = None if kappa is None else 4 * kappa * sin_alpha**2 / (3 * gamma + 0.75 * (1 + podium.lam))
     return Restraint(
         restrainers=restrainers,
-        slip=jax.lax.stop_gradient(2 * sin_alpha * ROUNDED_BELOW * slip * podium.alpha),
+        slip=jax.lax.stop_gradient(2 * sin_alpha * SMOOTHED_BELOW * slip * podium.alpha),
         well=jax.lax.stop_gradient(jnp.minimum(podium.stability_angle, 0.5 * math.pi)),
         apparent_mass=apparent_mass(restrainers),
         restrained_frequency=None if k is None else jax.lax.stop_gradient(podium.p * jnp.sqrt(k)),

@@ -70,18 +70,21 @@ def energy(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Value:
     return total + summed(0.5 * c.etas * (speed2 + c.vibration.omega2 * deformation**2))
 
 
-def vertical_impulse(c: Coefficients, max_sin_psi: Value) -> Value:
+def vertical_impulse_weight(c: Coefficients, max_sin_psi: Value) -> Value:
     """Return the weight of ∫|v̈_g| dt relative to ∫|ü_g| dt in (C19), for |sin ψ| ≤ `max_sin_psi`."""
     spin, weight = c.spin / (0.5 * c.two_R) ** 2, c.gravity / c.p**2
     return weight * max_sin_psi / jnp.sqrt(2 * (spin + 4 * c.eta * max_sin_psi**2)) / c.impulse_factor
 
 
 def energy_after(c: Coefficients, now: Value, impulse: Value) -> Value:
-    """Bound the energy E at all later times from its value `now` and the remaining `impulse` ∫|ü_g| dt.
+    """Bound the energy E at all later times, from its present value and the remaining impulse of the ground.
+
+    - `now`: present energy per N m_c [m²/s²]
+    - `impulse`: ∫|ü_g| dt over all later times [m/s]
 
     Per N m_c, the ground does work at the rate −ü_g[(½+γ)u̇_b + η u̇_t]. By the Cauchy–Schwarz inequality,
     the rate is at most 2C|ü_g|√T with C² = (1+2γ)²/(2(1+λ+4γ)) + η/2 and the kinetic energy T. Where the
     potential energy is not negative (without restrainers, for |θ| ≤ 2α), T ≤ E, so √E grows at most at the
-    rate C|ü_g|. Damping and impacts only dissipate.
+    rate C|ü_g|. Damping and impacts only dissipate energy.
     """
     return (jnp.sqrt(jnp.maximum(now, 0.0)) + c.impulse_factor * impulse) ** 2

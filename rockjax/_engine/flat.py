@@ -155,12 +155,12 @@ def solve_scene(
     """Integrate a scene, with or without derivatives in reverse mode.
 
     - `scene`, `plan`, `state`, `max_steps`: as in `run`
-    - `capacity`: number of nodes to store; a scene with more nodes ends with HISTORY_FULL; None stores none
+    - `capacity`: number of nodes to store, or None; a scene with more nodes ends with HISTORY_FULL
     - `reversible`: whether to integrate twice: first to record the decisions, then to replay them in a loop
       that also has derivatives in reverse mode
 
-    Returns two final states and the nodes or None. Read floats from the first state, integers and flags from
-    the second; both are the same unless `reversible`.
+    Returns two final states, and the nodes or None. The floats of the first state are valid, and the integers
+    and flags of the second. Both states are the same unless `reversible`.
     """
     if not reversible:
         if capacity is None:
@@ -184,9 +184,9 @@ def _run_and_store(scene: Scene, plan: Plan, state: LoopState, max_steps: int, s
     - `store`: (state, stored, info) ↦ (state, stored), called after every trial
     - `stored`: storage at the start
 
-    Returns the final state and the storage. Under `vmap` a scene is called a lane, and all lanes leave
-    the loop together; a lane that has ended stores nothing more. With this shared loop condition an iteration
-    writes only one row of the storage; with a condition for each lane JAX would copy all rows.
+    Returns the final state and the storage. Under `vmap` the scenes are lanes of one loop, which all lanes
+    leave together; a lane whose scene has ended stores nothing more. With this common loop condition an
+    iteration writes only one row of the storage. With a condition for each lane JAX would copy all rows.
     """
 
     def body(carry):
@@ -214,12 +214,12 @@ def replay(
     - `capacity`: number of nodes to store; None stores none
 
     Returns the final state, and the nodes or None. Reverse mode computes steps again from checkpoints.
-    Rounding differs between compilations, so a step might be accepted the first time and rejected the second
-    time; states and cotangents would then belong to different times. Recorded decisions prevent this.
+    Because the rounding of two programs differs, a step might be accepted the first time and rejected the
+    second time; states and cotangents would then belong to different times. Recorded decisions prevent this.
 
     Checkpoints have two levels: one before each block of about √`max_steps` steps, and one before each step
-    of a block that is computed again. A checkpoint contains only the state. More levels or more data would
-    double the compilation time.
+    of the block that is being computed again. A checkpoint contains only the state. More levels or more data
+    would double the compilation time.
     """
     initial = state
 

@@ -36,8 +36,9 @@ class Guard(NamedTuple):
     While rocking it is σθ, which stays between 0 and the overturning angle. In full contact it is the demand
     q, which stays within ±q_up.
 
-    The fields assume at most one turning point. If `turns_twice` is set, there may be more, and the step is
-    halved. All fields but `path`, `at_end` and `clearance_at_end` are held constant under differentiation.
+    The fields are valid if there is at most one turning point. If there may be more, `turns_twice` is True,
+    and the step is halved. All fields but `path`, `at_end` and `clearance_at_end` are held constant under
+    differentiation.
     """
 
     path: Quintic  # the guard over the step, as a function of z ∈ [0, 1]
@@ -48,9 +49,9 @@ class Guard(NamedTuple):
     turn: Value  # z of the turning point; 1 if there is none
     turn_value: Value  # value at the turning point; at the end of the step if there is none
     end_value: Value  # value at the end
-    breaks_before_turn: Flag  # the guard is broken at the turning point
-    breaks_after_turn: Flag  # the guard is broken at the end, but not at the turning point
-    break_point: Value  # z at which the guard breaks, valid if it is broken
+    breaks_before_turn: Flag  # the guard is outside its limits at the turning point
+    breaks_after_turn: Flag  # the guard is outside its limits at the end, but not at the turning point
+    break_point: Value  # z at which the guard breaks, valid if it breaks in the step
     clearance_at_end: Quintic  # signed distance to the limit, positive inside, in the time past the end [s]
     time_past_end: Value  # root of `clearance_at_end` [s], valid if `converges` is set
     converges: Flag  # Newton's method converges to the root
@@ -67,7 +68,7 @@ def evaluate_guard(
     end: Step,
     starts_at_zero: Flag,
 ) -> Guard:
-    """Evaluate the guard over a trial step.
+    """Return the guard over a trial step.
 
     - `scene`, `plan`: the prepared scene and its static choices
     - `state`: state at the start of the step
@@ -141,8 +142,8 @@ def _paths(
     """Return the guard over the step as a quintic in z, and near the end of the step as a cubic in time.
 
     While rocking the guard is σθ. In full contact it is the demand q; its derivatives in time come from
-    `demand_jet`. Over a very short step the slopes of the quintic are differences of nearly equal numbers.
-    Therefore the cubic takes value, slope and curvature from the state at the end of the step.
+    `demand_jet`. The cubic has the exact value, slope and curvature of the end of the step, because over a
+    very short step the slopes of the quintic are differences of nearly equal numbers.
     """
     c, sigma = scene.c, state.sigma
     angle = tuple(sigma * y for y in (state.x[0], state.v[0], a0[0], end.x[0], end.v[0], end.a[0]))
@@ -206,6 +207,6 @@ def _newton_root(clearance: Quintic, max_shift: Value, rounding: Value) -> tuple
         slope = clearance.slope(time_past_end)
         time_past_end -= safe_ratio(clearance.value(time_past_end), slope, decreases & (slope < 0))
         time_past_end = barrier(jnp.clip(time_past_end, -max_shift, max_shift))
-    # Where the clearance only touches zero, Newton's method converges too slowly to pass this test.
+    # If the clearance only touches zero, Newton's method converges too slowly to pass this test.
     is_root = jnp.abs(clearance.value(time_past_end)) <= 1e-3 * jnp.abs(clearance.c0) + rounding
     return time_past_end, decreases & is_root

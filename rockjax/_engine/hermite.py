@@ -1,8 +1,8 @@
 """The quintic Hermite polynomial of a step, on z ∈ [0, 1], with its turning points and roots.
 
-It matches value, slope and curvature at both ends of a step, so its error is O(h⁶) with a small constant.
-This is below the local error of a fifth-order method, and accurate enough to locate events for methods of any
-order.
+The polynomial matches value, slope and curvature at both ends of a step. Its error is O(h⁶) with a small
+constant, below the local error of a fifth-order method. This is accurate enough to locate events for methods
+of any order, because steps end on events.
 """
 
 from __future__ import annotations
@@ -76,8 +76,8 @@ def third_at_end(path: Quintic, a0: Values, a1: Values, h: Value, max_step: Valu
     - `h`: length of the step [s]
     - `max_step`: longest step of the scene [s]
 
-    Over a very short step, rounding dominates the higher coefficients of the quintic. The result then is the
-    mean of the third derivative over the step.
+    Over a very short step, rounding dominates the higher coefficients of the quintic. The result then follows
+    from the mean third derivative over the step.
     """
     return jnp.where(is_long(h, max_step), path.c3 + 4 * path.c4 + 10 * path.c5, (a1 - a0) * h**2 / 6)
 
@@ -119,8 +119,9 @@ def turning_point_or_dip(polynomial: Quintic, turned: Flags, rising: Flags) -> t
     """Return the turning point of a quantity over a step, or its dip, and whether the quantity turns twice.
 
     If the slopes at both ends have opposite signs (`turned`), the first result z is the turning point.
-    Otherwise the slope has the same sign at both ends (positive if `rising`), and z is the dip, a zero of the
-    curvature. If the slope has the other sign at z, the quantity turns twice, once before and once after z.
+    Otherwise the slope has the same sign at both ends (positive if `rising`), and z is the dip: the zero of
+    the curvature at which a positive slope is least, or a negative slope largest. If the slope has the other
+    sign there, the quantity turns twice, once before and once after z.
     """
     return turning_point_of_slope(derivative(polynomial), jnp.abs(polynomial.c0), turned, rising)
 
@@ -166,7 +167,7 @@ def _parabola_root(first: Values, slope: Values, last: Values) -> Values:
     """Return the root in [0, 1] of the parabola with the value `first` > 0 and the slope `slope` at 0, and
     with the value `last` < 0 at 1.
 
-    Between two samples of the ground motion, the rotation and its rate are very nearly parabolas.
+    Between two samples of the ground motion, the rate of the rotation is very nearly a parabola.
     """
     bend = last - first - slope
     root = jnp.sqrt(jnp.maximum(slope * slope - 4 * first * bend, 0.0))

@@ -1,8 +1,8 @@
 """The model: equations of motion, uplift demand and impact map, with the paper's equation numbers.
 
 σ ∈ {−1, 0, +1} is the contact mode: 0 is full contact, ±1 rocking with the sign of θ. One vector field serves
-all contact modes: for σ = 0 and θ = θ̇ = 0 the angle ψ = σα − θ, u_b and u̇_b vanish, and Eq. (22) becomes
-Eq. (4).
+all contact modes: for σ = θ = θ̇ = 0 the angle ψ = σα − θ and the motion of the beam, u_b and u̇_b, are zero,
+and Eq. (22) becomes Eq. (4).
 
 A state consists of positions x and velocities v. Both are tuples: (θ,) for rigid podiums, (θ, u) with an
 elastic superstructure, where u is a scalar for one vibration mode and an array (u_1, …, u_n) for several. The
@@ -36,13 +36,13 @@ def steady_step(c: Coefficients, restraint: Restraint, theta_dot: Value, theta_d
     - `c`, `restraint`: constants of the podium and of its restrainers
     - `theta_dot`, `theta_ddot`: θ̇ [rad/s] and θ̈ [rad/s²] at the start of the step
 
-    Forces with an infinite slope at θ̇ = 0 need such steps. The step is proportional to |θ̇/θ̈|, the time
-    until the columns stop or since they were at rest. Step lengths then decrease geometrically towards an
-    instant with θ̇ = 0, and the method keeps its order there. Derivatives stay accurate too, although
-    the step-size control does not estimate their error.
+    Forces with an infinite slope at θ̇ = 0 need such steps. The step is proportional to |θ̇/θ̈|, which is about
+    the time until the columns stop, or since they were at rest. Steps thus become geometrically shorter
+    towards an instant with θ̇ = 0, and the method keeps its order there. Derivatives stay accurate too,
+    although the step-size control does not estimate their error.
     """
     speed, speed_rate = jnp.abs(theta_dot), jnp.abs(theta_ddot)
-    slip_speed = restraint.slip / (2 * c.sin_alpha)  # |θ̇|/p below which the slope is rounded
+    slip_speed = restraint.slip / (2 * c.sin_alpha)  # |θ̇|/p below which the force is smoothed
     fraction = jnp.where(theta_dot * theta_ddot < 0, MAX_SLOWING_STEP, MAX_SPEEDING_STEP)
     from_rest = 0.5 * jnp.sqrt(slip_speed / c.alpha) / c.p  # first step after an uplift, where θ̇ ~ t²
     span = fraction * (speed + slip_speed * c.p) / jnp.where(speed_rate > 0, speed_rate, 1.0)
@@ -93,7 +93,7 @@ def _restraint(
 
 
 def restraint_bound(c: Coefficients, restraint: Restraint, theta: Value, theta_dot: Value) -> Value:
-    """Bound the moment of the restrainers in Eq. (24), by the forces at the largest elongation and rate.
+    """Bound the moment of the restrainers in Eq. (24), with the forces at the largest elongation and rate.
 
     - `c`, `restraint`: constants of the podium and of its restrainers
     - `theta`, `theta_dot`: largest |θ| [rad], at most `restraint.well`, and largest |θ̇| [rad/s]
@@ -217,7 +217,7 @@ def acceleration(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vect
 
 
 def plus(value: Any, addend: Value | float) -> Any:
-    """Return value + addend. A Python float as addend is always 0.0 and adds nothing."""
+    """Return value + addend. An addend that is a Python float is always 0.0, and is left out."""
     return value if isinstance(addend, float) else value + addend
 
 

@@ -5,8 +5,9 @@ For x' = v, v' = a(t, x, v), stages need only their accelerations k_j:
     x_i = x + c_i h v + h² Σ_j (AA)_ij k_j
     v_i = v + h Σ_j A_ij k_j
 
-This is algebraically the same as the method for first-order systems. If the acceleration does not depend on
-the velocity, the compiler removes the second sum.
+A contains the weights of the method, and AA is the matrix product A·A. This is algebraically the same as the
+method for first-order systems. In a Nyström method A is zero, and AA contains independent weights. If the
+acceleration does not depend on the velocity, the compiler removes the velocities of the stages.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Preparation of a scene for the loop: the plan, the constants and the initial state.
 
-To estimate its error, a scene is solved a second time with finer settings (`Options._stride` < 1), the second
-solution.
+If errors are estimated, every scene is solved twice. The second solution has other settings, and
+`Options._stride` is below 1.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def plan_for(
     extra_outputs: tuple[AbstractOutput, ...] = (),
     vertical: bool = False,
 ) -> Plan:
-    """Return the choices that are made before tracing.
+    """Return the plan: the choices that are made before tracing.
 
     - `podium`, `options`: structure and solver options of the scenes
     - `history`: True if the accepted steps are stored
@@ -57,8 +57,8 @@ def plan_for(
     rotation = PeakRotation(requested="peak_rotation" in requested)
     others = [output for name, output in requested.items() if name != "peak_rotation"]
     outputs = (rotation, *others, *extra_outputs)
-    # A history stores every step, so neither bounces nor samples are skipped. Skipping samples uses a method
-    # of order 8, and is not done if the user has chosen a method of order 6 or less.
+    # A history stores every step, so neither bounces nor samples are skipped. Samples are skipped with a
+    # method of order 8, and therefore only if the method of the options has order 7 or more.
     eligible = [] if elastic else ["rest"] if history else ["rest", "bounces", *["samples"] * (tab.order > 6)]
     if (vertical or podium.restrainers) and any(output.needs_simple_contact for output in outputs):
         eligible = []
@@ -73,17 +73,16 @@ def plan_for(
     )
 
 
-# In the second solution rocking stops IMPACTS_LATER impacts later: the rest velocity is multiplied by
-# e^IMPACTS_LATER, limited to [MIN_REST_FACTOR, MAX_REST_FACTOR]. The factor is MIN_REST_FACTOR if nothing
-# vibrates and an impact takes little speed, 1 − e < LITTLE_LOSS · rtol.
+# In the second solution rocking stops about IMPACTS_LATER impacts later. For this the rest velocity is
+# multiplied by e^IMPACTS_LATER, limited to [MIN_REST_FACTOR, MAX_REST_FACTOR]. The factor is MIN_REST_FACTOR
+# if nothing vibrates and an impact takes little speed, 1 − e < LITTLE_LOSS · rtol.
 IMPACTS_LATER, MAX_REST_FACTOR, MIN_REST_FACTOR, LITTLE_LOSS = 3, 0.5, 1e-4, 100.0
 # A step ends on an event if their distance, divided by the length of the step, is at most LANDING · √rtol and
 # at most MAX_LANDING. A Taylor expansion at the end of the step then carries the state to the event.
 LANDING, MAX_LANDING = 10.0, 0.02
-# If a breakpoint is less than two steps away, the first solution takes one step or two equal steps to it. In
-# the second solution, the first of two steps covers a third of the distance, so that its errors differ. The
-# second solution takes two steps even if one step would suffice, unless the proposed step is longer than
-# UNSPLIT_SECOND times the distance.
+# If a breakpoint is less than two steps away, the first solution takes one step or two equal steps to it. The
+# second solution divides the distance unequally, after a third, so that its errors differ. It takes two steps
+# even if one step would suffice, unless the proposed step is longer than UNSPLIT_SECOND times the distance.
 SPLIT, SPLIT_SECOND, UNSPLIT_SECOND = 0.5, 1 / 3, 2.0
 LANDING_SECOND = 0.1  # factor on the landing fraction in the second solution, so that landing errors differ
 
@@ -107,9 +106,9 @@ def _by_solution(options: Options, second: Value | float, first: Value | float) 
 def _estimate_factor(plan: Plan, options: Options) -> Value | None:
     """Return the factor on error estimates of unusually low order.
 
-    An error estimate usually has the order of the method minus one; then the result is None. If its order is
-    lower by another n, the estimate is too large by the factor rtol^(−n/order) at the longest steps that the
-    tolerance allows.
+    The order of an error estimate is usually the order of the method minus one. The result is then None. If
+    the order of the estimate is lower by another n, the estimate is too large by the factor rtol^(−n/order)
+    at the longest steps that the tolerance allows, and the result is the reciprocal of this factor.
     """
     missing_order = plan.tableau.order - 1 - plan.tableau.estimate
     return jnp.asarray(options.rtol) ** (missing_order / plan.tableau.order) if missing_order else None
@@ -158,7 +157,7 @@ def _landing_fraction(options: Options) -> Value:
 
 
 def _rest_speed(c: Coefficients, options: Options) -> Value:
-    """Return the speed below which columns come to rest after an impact [rad/s].
+    """Return the rest velocity: columns come to rest at an impact if |θ̇⁺| is at most this speed [rad/s].
 
     In the second solution rocking stops some impacts later, which shows the error due to the rest velocity.
     """

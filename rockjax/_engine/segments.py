@@ -1,17 +1,17 @@
 """The segments engine: one `diffrax.diffeqsolve` per segment, ended by a `diffrax.Event`.
 
 A segment is the motion between two events or breakpoints; the impact map and the other transitions apply
-between segments. The engine cross-checks the flat engine and accepts any Diffrax solver. Both engines
-share the equations, the transitions, the certificate and the direct search for the next uplift of rigid
-scenes. Diffrax's events alone are not accurate enough, so four corrections are made:
+between segments. This engine accepts any Diffrax solver and serves as a check of the flat engine. Both
+engines share the equations, the transitions, the certificate and the search for the next uplift of a rigid
+podium. Diffrax's events alone are not accurate enough, so four corrections are made:
 
 - The time of the event according to the interpolant is a first guess. The segment is solved again up to this
   time, and Newton's method finds the event from there.
-- The interpolant is sampled densely. If the guard breaks and recovers inside a step, the segment is solved
-  again up to the first sample at which it is broken.
+- The interpolant is sampled densely. If the guard (see `guard.py`) leaves its limits and returns inside a
+  step, the segment is solved again up to the first sample outside the limits.
 - After an impact or an uplift the guard is exactly zero. The first step is then shorter than the hop (the
   motion up to the next impact), so that it cannot miss this impact.
-- Peaks are not interpolated: the segment is solved again up to the time of the peak.
+- The interpolant only locates peaks. To compute a peak, the segment is solved again up to its time.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from .model import acceleration, uplift_demand
 from .state import LoopState, Plan, Scene
 from .transitions import transition
 
-STEPS = 4096  # limit of steps of one solve; a longer segment is continued by another solve
+STEPS = 4096  # limit of steps of one solve; a segment with more steps is continued by another solve
 SAMPLES = 513  # number of samples of the interpolant, among which peaks and missed events are found
 Motion = tuple[Vector, Vector]  # positions and velocities
 Rows = tuple[Float[Array, " n ..."], ...]  # for each degree of freedom, values at n nodes
@@ -195,8 +195,8 @@ class _Path(NamedTuple):
         return self.mode.natural(jax.tree.map(lambda y: y[0], solution.ys))
 
     def missed(self) -> tuple[Flag, Value]:
-        """Return whether the guard is broken at a sample although no event was reported, and the time of the
-        first such sample [s] (else inf)."""
+        """Return whether the guard is outside its limits at a sample although no event was reported, and the
+        time of the first such sample [s] (else inf)."""
         mode, c, times = self.mode, self.mode.scene.c, self.times
         values = jax.vmap(mode.guard)(times, *self.samples)
         scale = jnp.where(mode.rocking, c.alpha, c.uplift)
@@ -306,8 +306,8 @@ def _arrival(path: _Path, state: LoopState) -> _Arrival:
 
 
 def _raised(path: _Path, output: Any, accumulator: Values) -> Values:
-    """Return the accumulator of an output after the segment. The elements of an array are updated one by
-    one."""
+    """Return the accumulator of an output (its value so far) after the segment. The elements of an array are
+    updated one by one."""
     mode = path.mode
 
     def quantity(t, x, v):
@@ -368,8 +368,8 @@ def _advanced(path: _Path, plan: Plan, state: LoopState, end: _Arrival) -> LoopS
 def _segment(scene: Scene, plan: Plan, options: Options, state: LoopState, nodes: Nodes | None):
     """Advance by one segment, and append its steps to the nodes.
 
-    If the guard breaks at a sample although no event was reported, the motion does not advance, and
-    `trial_limit` becomes the time up to which the segment is solved next.
+    If the guard is outside its limits at a sample although no event was reported, the motion does not
+    advance, and `trial_limit` becomes the time up to which the segment is solved next.
     """
     ground_at = scene.excitation.piece(state.piece)
     path = _path(_ContactMode(scene, state.sigma, ground_at, natural_units(scene.c)), options, state)

@@ -48,10 +48,10 @@ def solve(
     - `initial`: initial state
     - `t_end`: end of the scene [s]; None for the default
     - `options`: options of the solver
-    - `capacity`: number of steps to store; None stores none
+    - `capacity`: number of steps to store; None stores no steps
 
     Returns ((floats, float fields of the nodes), (integers and flags, integer fields of the nodes)). Stored
-    programs are used if all values are concrete, also inside `jax.grad` and `jax.jvp` of concrete values.
+    programs are used if all values are concrete, also those at which `jax.grad` or `jax.jvp` differentiates.
     """
     podium = podium.split_rows().without_idle_restrainers()
     podium = podium if options.of_joints else podium.without_elevation()

@@ -22,11 +22,11 @@ class Plan:
     """Choices that are made before tracing; static under `jax.jit`.
 
     - `elastic`: True if the superstructure vibrates
-    - `outputs`: the outputs that are computed, the rotation first; each is a `rockjax._outputs`
-      AbstractOutput
-    - `unrequested`: outputs that are not requested
+    - `outputs`: the outputs that are computed, the rotation first; each is an `AbstractOutput` of
+      `rockjax._outputs`
+    - `unrequested`: registered outputs that are not requested; their answers are NaN or a default
     - `tableau`: tableau of the Runge–Kutta method
-    - `to_the_end`: True if the scene is integrated until t_end or final rest, for a history
+    - `to_the_end`: True for a history, in which the scene does not end as soon as all outputs are final
     - `fast_forwards`: names of the fast-forwards that may be used (see `fast_forward/`)
     """
 
@@ -39,8 +39,8 @@ class Plan:
 
     @property
     def ends_on_maxima(self) -> bool:
-        """True if steps end on peaks, because the order of the method exceeds 5, the degree of the polynomial
-        that describes a step."""
+        """True if steps end on peaks of the rotation and of deformations. This is the case if the order of
+        the method exceeds 5, the degree of the polynomial that describes a step."""
         return self.tableau.order > 5
 
     @property
@@ -72,8 +72,8 @@ class Scene(NamedTuple):
     rest_speed: Value  # rest velocity [rad/s]
     log_restitution: Value  # −ln e
     min_impact_speed: Value  # impact speed that restitution reduces to the rest velocity [rad/s]
-    estimate_factor: Value | None  # factor on error estimates of unusually low order; None for no factor
-    skip_below: Value  # largest error with which a sample is skipped, divided by the tolerance
+    estimate_factor: Value | None  # factor on error estimates; None if they have the usual order
+    skip_below: Value  # a sample may be skipped if the error divided by the tolerance is at most this
     landing_fraction: Value  # a step ends on an event if their distance is at most this fraction of the step
     split_fraction: Value  # length of the first of two steps to a breakpoint, divided by the distance to it
     unsplit_limit: Value  # a proposed step above this multiple of the distance to a breakpoint is not split
@@ -85,8 +85,8 @@ class Scene(NamedTuple):
 
 
 class LoopState(NamedTuple):
-    """State of the automaton. Stamps and step lengths are held constant under differentiation; positions,
-    velocities and accumulators carry the tangents."""
+    """State of the automaton. Stamps and step lengths are held constant under differentiation; `event_time`,
+    positions, velocities and accumulators carry tangents."""
 
     t: Value  # time stamp [s]
     event_time: Value  # equal to t, with the derivative of the event's or breakpoint's time [s]
@@ -99,14 +99,14 @@ class LoopState(NamedTuple):
     # none.
     trial_limit: Value
     code: Index  # result code, or results.RUNNING
-    accumulators: tuple[Any, ...]  # of the plan's outputs, with tangents; the first is max|θ|
-    notes: tuple[Any, ...]  # further data of the outputs, such as times; no tangents in batches
+    accumulators: tuple[Any, ...]  # value so far of each output of the plan, with tangents; first max|θ|
+    notes: tuple[Any, ...]  # further data of each output, such as times; no tangents in batches
     uplifted: Flag  # the columns have lifted
     uplift_time: Value  # time of the first uplift [s], else NaN
     overturn_time: Value  # time of overturning [s], else NaN
     impacts: Index  # number of impacts
-    min_impact_speed: Value  # least |θ̇| before an impact so far [rad/s]
-    min_impact_speed_before_peak: Value  # least |θ̇| before an impact until the largest rotation [rad/s]
+    min_impact_speed: Value  # least |θ̇⁻| of all impacts so far [rad/s]
+    min_impact_speed_before_peak: Value  # least |θ̇⁻| of the impacts before the largest rotation [rad/s]
     steps: Index  # number of accepted steps
     rejected: Index  # number of rejected steps
     may_skip: Flag | None = None  # the next sample may be skipped; None if this scene never skips samples
@@ -120,7 +120,7 @@ class LoopState(NamedTuple):
 # Fields whose tangents later steps use.
 DIFFERENTIATED = ("event_time", "x", "v", "accumulators")
 
-# Other fields that have tangents. Modes, stamps and step lengths have none.
+# Other fields that have tangents. Contact modes, stamps and step lengths have none.
 _REPORTED = ("notes", "uplift_time", "overturn_time", "min_impact_speed", "min_impact_speed_before_peak")
 
 
@@ -137,7 +137,7 @@ def differentiated_fields(state: LoopState) -> dict[str, Any]:
 
 
 class Decision(NamedTuple):
-    """All discrete choices of an accepted step, with which it can be repeated even if rounding differs."""
+    """All choices of an accepted step. With them the step can be repeated even if rounding differs."""
 
     h: Value  # length of the step [s]
     reaches_stop: Flag  # the step ends at the next breakpoint or at the end of the scene

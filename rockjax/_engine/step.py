@@ -1,14 +1,15 @@
 """One trial step of one scene. An accepted trial advances the scene; a rejected trial shortens the next.
 
-A trial takes a Runge–Kutta step. The guard (σθ while rocking, the demand q in full contact) is a quintic
-through both ends of the step. An event occurs where the guard leaves its limits. If this happens inside the
-step, the next trial is shortened to end there. Once a trial ends on the event (a Taylor expansion covers the
-remaining small fraction of the step), the event is applied. Events are therefore as accurate as the solver.
+A trial takes a Runge–Kutta step. The guard is σθ while rocking, and the uplift demand q in full contact; a
+quintic polynomial interpolates it between both ends of the step. An event occurs where the guard leaves its
+limits. If this happens inside the step, the trial is rejected, and the next trial is shortened to end there.
+The event is applied once a trial ends on it, or so close to it that a Taylor expansion covers the remaining
+time. Events are therefore as accurate as the solver.
 
 Times, step lengths and roots are held constant under differentiation (`stop_gradient`). The constant value of
-a time is called its stamp; the derivative of an event's time is carried separately. An event is
-differentiated by moving the state from the stamp to the event and back (`restart`), which is exact in
-forward and reverse mode.
+a time is called its stamp; the derivative of an event's time is carried separately. To differentiate an
+event, the state is moved from the stamp to the event (`state_past`), changed by the event, and moved back to
+the stamp (`restart`). This is exact in forward and reverse mode.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ from .ratio import safe_ratio
 from .state import Decision, LoopState, Plan, Scene, StepInfo
 from .transitions import after_impact, jolt, past_breakpoint, restart, transition
 
-# A step in full contact ends on a maximum of |q| that exceeds this fraction of the uplift threshold.
+# A step in full contact ends on a turning point of q where |q| exceeds this fraction of q_up.
 NEAR_UPLIFT = 0.95
 
 
@@ -81,13 +82,10 @@ def step(
 def trial(
     scene: Scene, plan: Plan, state: LoopState, replayed: Decision | None = None
 ) -> tuple[LoopState, StepInfo]:
-    """Try a step, and return the state after it, or the state for a shorter trial if the step is rejected.
+    """Try one step, with arguments as for `step`.
 
-    - `scene`, `plan`: the prepared scene and its static choices
-    - `state`: state at the start of the step
-    - `replayed`: recorded decision of an accepted step, which is repeated; None for a free choice
-
-    Returns the new state and the result of the trial.
+    Returns the state after the step and the result of the trial. If the step is rejected, the motion stays,
+    and the state contains the length of the next, shorter trial.
     """
     ground_at = scene.excitation.piece(state.piece)
     attempted = attempt(scene, plan, state, ground_at, replayed)
@@ -136,8 +134,9 @@ def _classify(
     lands &= ~is_ignored
     if replayed is not None:
         lands = replayed.lands
-    # Times of events and breakpoints depend on the parameters. `before` and `after` are the times from the
-    # stamp to the event or breakpoint, at the start and at the end of the step, with derivatives.
+    # Times of events and breakpoints depend on the parameters. `before` is the time from the start of the
+    # step to the event or breakpoint there, zero in value. `after` is the time from the end of the step to
+    # the event or breakpoint there. Both have derivatives.
     newton_correction = safe_ratio(clearance, slope, lands)
     before = state.event_time - constant(state.event_time)
     after = jnp.where(
@@ -149,13 +148,14 @@ def _classify(
     false_uplift = trial.starts_at_zero & (constant(state.v[0]) == 0) & breaks & (h < 1e-9 / constant(c.p))
     event_fraction = jnp.where(breaks & ~false_uplift, jnp.maximum(guard.break_point, 0.02), jnp.inf)
 
-    # A step is shortened to end on a maximum if the polynomial is not accurate enough to give the maximum.
+    # If an output needs a maximum more accurately than the polynomial gives it, the step is shortened to end
+    # on the maximum.
     view = Step(scene, plan.ends_on_maxima, state, ground_at, trial, guard, before, after)
     maxima = tuple(
         output.over_step(view, accumulator)
         for output, accumulator in zip(plan.outputs, state.accumulators, strict=True)
     )
-    # If the demand turns just below the threshold, the step is shortened to end at that turning point.
+    # If q turns just within the threshold, the step is shortened to end at the turning point.
     turns_in_contact = ~rocking & guard.turned & ~guard.breaks_before_turn
     is_near_uplift = jnp.abs(guard.turn_value) > NEAR_UPLIFT * c.uplift
     maximum_fraction = view.cut_at_turn(turns_in_contact & is_near_uplift)
@@ -166,7 +166,8 @@ def _classify(
             maximum_fraction = jnp.minimum(maximum_fraction, least)
     maximum_fraction = jnp.where(h > time_resolution, maximum_fraction, jnp.inf)
     largest = tuple(None if maximum is None else maximum.value for maximum in maxima)
-    # A method of second order or lower is too inaccurate for this check just after an uplift, where θ ~ t³.
+    # A step in which the guard turns twice is halved. Methods of order 2 or lower omit this check, because
+    # they are too inaccurate just after an uplift, where θ ~ t³.
     checks_turns = plan.tableau.order > 2
     halving = jnp.where(guard.turns_twice & (h > time_resolution) & checks_turns, 0.5, jnp.inf)
 
@@ -186,7 +187,7 @@ def _advance(
     outcome: StepOutcome,
     replayed: Decision | None,
 ) -> tuple[LoopState, StepInfo]:
-    """Return the state after an accepted step and the transition at its end, and the result of the trial."""
+    """Return the state after an accepted step, including the transition at its end, and the `StepInfo`."""
     constant = jax.lax.stop_gradient
     trial, guard = view.trial, view.guard
     h, sigma, rocking = trial.h, state.sigma, state.sigma != 0
@@ -212,7 +213,7 @@ def _advance(
     x, v, mode = barrier((x, v, mode))
     uplifts = accepted & ~rocking & (mode != 0)
 
-    # If bounces are skipped, `v` is zero. Outputs need the velocity just after the impact.
+    # If bounces are skipped, θ̇ in `v` is zero, but outputs need θ̇ just after the impact.
     theta_dot_after, _ = after_impact(scene, sigma, at_impact[1][0], guard.end_value)
     impact = Impact(scene.c, sigma, now, ground, *at_impact, (theta_dot_after, *v[1:]), mode)
     end = StepEnd(view, accepted, lands, hit, toppled, outcome.after, now, stamp, x, v, impact, ground_jump)

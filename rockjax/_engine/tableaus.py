@@ -32,7 +32,7 @@ class Tableau:
     """
 
     order: int  # order of the method
-    estimate: int  # order of the embedded error estimate
+    estimate: int  # order of the error estimate
     c: np.ndarray  # times of the stages, as fractions of the step
     A: np.ndarray  # weights of the accelerations in the stage velocities
     AA: np.ndarray  # weights of the accelerations in the stage positions
@@ -58,11 +58,11 @@ def tableau(method: str | diffrax.AbstractERK) -> Tableau:
 
 
 def tableau_for(method: str | diffrax.AbstractERK, depends_on_velocities: bool) -> Tableau:
-    """Return the tableau that replaces a method: the Nyström method for `"dopri8"`, else the method's own.
+    """Return the tableau with which to integrate.
 
     - `method`: name of an explicit method, or an explicit Diffrax solver
-    - `depends_on_velocities`: whether accelerations depend on velocities. If they do not, the Nyström method
-      is used, which needs fewer stages
+    - `depends_on_velocities`: whether accelerations depend on velocities. If they do not, a Nyström method
+      with fewer stages replaces `"dopri8"`
     """
     return nystrom() if method == ORDER_8 and not depends_on_velocities else tableau(method)
 
@@ -71,8 +71,8 @@ def tableau_for(method: str | diffrax.AbstractERK, depends_on_velocities: bool) 
 def nystrom() -> Tableau:
     """Return RKN8(6)9FM of Dormand, El-Mikkawy and Prince (IMA J. Numer. Anal. 7, 1987, 423–430).
 
-    It has order 8, computes eight accelerations in each step, and applies if accelerations do not depend on
-    the velocity. The weights for positions are independent of those for velocities, and A is zero.
+    It has order 8 and computes eight accelerations in each step. It is valid only if accelerations do not
+    depend on velocities. The weights for positions are independent of those for velocities, and A is zero.
     """
     rows = [
         (1 / 800,),

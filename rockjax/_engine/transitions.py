@@ -1,4 +1,4 @@
-"""Effects of events on contact mode and state, and effects of event times on derivatives.
+"""Changes of contact mode and state at events, and the effect of event times on derivatives.
 
 The time of an event or breakpoint depends on the parameters. The value of this time, held constant under
 differentiation, is called the stamp.
@@ -37,7 +37,7 @@ def transition(
     hit: Flag,
     lifted: Flag,
     demand: Value,
-    halted: Flag | bool = False,
+    false_uplift: Flag | bool = False,
     to_rest: Flag | bool = False,
 ) -> Transition:
     """Apply the transition of the automaton at the end of a step.
@@ -49,14 +49,14 @@ def transition(
     - `hit`: True for an impact
     - `lifted`: True for an uplift
     - `demand`: demand before the uplift [m/s²]; its sign gives the side
-    - `halted`: True for a false uplift, after which the columns are in full contact
+    - `false_uplift`: True if the step does not confirm an uplift; the columns are then in full contact
     - `to_rest`: True for an impact that leads to rest
 
     Without an event the contact mode stays, except that columns in full contact lift if a jump of the ground
     acceleration has brought the demand above the threshold.
     """
     c, rocking = scene.c, sigma != 0
-    in_contact = halted | ~rocking
+    in_contact = false_uplift | ~rocking
     x = (jnp.where(hit | in_contact, 0.0, x[0]), *x[1:])
     v = (jnp.where(in_contact, 0.0, v[0]), *v[1:])
     q = uplift_demand(c, ground, x, v)
@@ -64,7 +64,7 @@ def transition(
     v = (jnp.where(hit, theta_dot_after, v[0]), *v[1:])
     stays = jnp.where(rocking, sigma, contact_mode(c, q))
     mode = jnp.where(hit, mode_after, jnp.where(lifted, -jnp.sign(demand), stays))
-    return Transition(x, v, jnp.where(halted, 0.0, mode))
+    return Transition(x, v, jnp.where(false_uplift, 0.0, mode))
 
 
 def contact_mode(c: Coefficients, q: Value) -> Value:
@@ -81,10 +81,10 @@ def after_impact(
     - `scene`: the prepared scene
     - `sigma`, `theta_dot`: contact mode and θ̇ [rad/s] before the impact
     - `q`: demand in full contact after the impact [m/s²]
-    - `to_rest`: True if the columns come to rest whatever their speed
+    - `to_rest`: True if the columns come to rest at any speed
 
-    The columns rock on to the other side. Rocking stops if |θ̇⁺| is at most the rest velocity, or `to_rest`
-    is True; then full contact follows, or a new uplift if |q| exceeds the threshold.
+    The columns rock on to the other side unless |θ̇⁺| is at most the rest velocity, or `to_rest` is True. Then
+    full contact follows, or a new uplift if |q| exceeds the threshold.
     """
     theta_dot_after = impact(scene.c, theta_dot)
     rocks_on = (jnp.abs(theta_dot_after) > scene.rest_speed) & ~jnp.asarray(to_rest)
@@ -113,9 +113,9 @@ def jolt(
     - `ground`: ground acceleration after the jump, ü_g, or ü_g and v̈_g [m/s²]
     - `jump`: velocity jump of the ground, horizontal, or horizontal and vertical [m/s]
 
-    The equation of motion is linear in the accelerations of the structure and of the ground, so it also
-    relates their velocity jumps. Columns at rest lift to the side opposite to the horizontal velocity jump if
-    their speed after the jump exceeds the rest velocity.
+    The equation of motion is linear in the accelerations of the structure and of the ground. The same
+    coefficients therefore relate their velocity jumps. Columns at rest lift to the side opposite to the
+    horizontal velocity jump if their speed after the jump exceeds the rest velocity.
     """
     c, at_rest = scene.c, (x[0] == 0) & (v[0] == 0)
     side = jnp.where(at_rest, -jnp.sign(horizontal(jump)), sigma)

@@ -80,8 +80,8 @@ class AxialForce(AbstractJointOutput):
 @dataclasses.dataclass(frozen=True)
 class Unloading(AxialForce):
     """The largest loss of axial force 1 − N/N_0 at the bottom and the top joint of the worst column [–], for
-    targets and limit states. N_0 is the dead load of the mean column. If the loss exceeds 1, a joint would
-    open. The answer is 0 at a joint without dead load.
+    design targets and limit states. N_0 is the dead load of the mean column. If the loss exceeds 1, a joint
+    would open. The answer is 0 at a joint without dead load.
     """
 
     name = "unloading"

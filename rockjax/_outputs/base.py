@@ -27,8 +27,8 @@ class Variable(NamedTuple):
     - `name`, `unit`, `description`, `symbol`: texts for datasets and for the axes of pictures
     - `axis`: None for a scalar, or `MODES`, `STORIES`, `JOINTS`
     - `sensitive`: whether batches can compute its sensitivities
-    - `estimated`: whether `"errors"` estimates its error
-    - `until_overturning`: whether the answer covers only the time before overturning, if the scene overturns
+    - `estimated`: whether the output `"errors"` estimates its error
+    - `until_overturning`: whether the answer of a scene that overturns covers only the time before that
     """
 
     name: str
@@ -65,16 +65,16 @@ class AbstractOutput:
 
     and pass it in `Options(outputs=("peak_rotation", PeakBeamSpeed()))`. The answer is the largest absolute
     value of the quantity in the scene, with derivatives. Override `over_step`, `at_impact`, `update` or
-    `answer` for other forms of answers. Further methods save time. Rests (full contact of a rigid podium),
-    samples of the ground motion and bounces are skipped only if every requested output overrides `over_rest`,
-    `over_sample` or `over_bounces` respectively. A scene continues to overturning or `t_end` unless
-    `is_final` returns True for every output.
+    `answer` for other forms of answers. Override further methods to save time: rests (full contact of a rigid
+    podium), samples of the ground motion and bounces are skipped only if every requested output overrides
+    `over_rest`, `over_sample` or `over_bounces` respectively, and a scene continues to overturning or `t_end`
+    unless `is_final` returns True for every output.
 
     - `name`: name in `Options.outputs` and of the answer
     - `unit`, `description`, `symbol`, `axis`, `sensitive`, `estimated`, `until_overturning`: properties of
       the answer, as in [`rockjax.Variable`][]; an output with several answers lists them in `variables`
     - `by_default`: whether the output is requested by default
-    - `needs_flat`: whether the output works only with `Options(engine="flat")`, the default
+    - `needs_flat`: whether the output requires `Options(engine="flat")`, the default
     - `follows_impacts`: whether the output needs every impact until rest, however slow
     - `of_joints`: whether the output needs the constants of the joints, `moment.c.joints`
     - `needs_simple_contact`: whether parts of a scene are skipped only without restrainers and without
@@ -112,8 +112,8 @@ class AbstractOutput:
         return self
 
     def for_limit(self, limit: float) -> tuple[AbstractOutput, float]:
-        """Return the output that a target with this limit uses instead of this one, and the limit of that
-        output. Override this method for answers that can be infinite."""
+        """Return the output that a design target with this limit uses instead of this output, and the limit
+        of that output. Override this method for answers that can be infinite."""
         return self, limit
 
     # ------------------------------------------------------------------------------------- following a scene
@@ -150,7 +150,7 @@ class AbstractOutput:
         return accumulator, note
 
     def after_rejection(self, accumulator: Any) -> Any:
-        """Return the accumulator after a rejected step."""
+        """Return the accumulator after a rejected step; by default it stays the same."""
         return accumulator
 
     def answer(self, ended: Ended, accumulator: Any, note: Any) -> dict[str, Any]:
@@ -159,7 +159,7 @@ class AbstractOutput:
         return {self.name: accumulator}
 
     def absent(self, ended: Ended) -> dict[str, Any]:
-        """Return the answers of a scene for which this output was not requested: NaN."""
+        """Return the answers of a scene for which this output was not requested: by default NaN."""
         return {self.name: jnp.full_like(ended.t, jnp.nan)}
 
     # ---------------------------------------------------------------------------- skipping parts of a scene
@@ -201,8 +201,7 @@ class AbstractEventOutput(AbstractOutput):
 
 
 class AbstractInternalOutput(AbstractEventOutput):
-    """An output for internal use, without public answers, whose accumulator depends only on the ends of
-    steps."""
+    """An output without public answers, and without a maximum over a step."""
 
     @property
     def variables(self) -> tuple[Variable, ...]:

@@ -27,7 +27,7 @@ class PeakDeformation(AbstractOutput):
     by_default = True
     axis = MODES
 
-    elastic: bool = True
+    elastic: bool = True  # whether the superstructure vibrates
     has_mode_axis: bool = False  # whether the answer has an axis of modes
 
     def applies(self, podium: Podium) -> bool:
@@ -45,7 +45,7 @@ class PeakDeformation(AbstractOutput):
         return jnp.zeros(() if modes is None else modes.omega2.shape, start.t.dtype), None
 
     def over_step(self, step: Step, accumulator: Values) -> Maximum:
-        # Steps are shortened to end on maxima if the method is more accurate than the polynomial of a step.
+        # Steps end on maxima if the method is more accurate than the polynomial of a step.
         return step.largest(
             step.deformations, accumulator, END_ZONE_DEFORMATIONS, shortens_step=step.ends_on_maxima
         )

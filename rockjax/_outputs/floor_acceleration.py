@@ -24,8 +24,8 @@ class PeakFloorAcceleration(AbstractStoryOutput):
     """The peak absolute horizontal acceleration of each floor of a building [m/s²]. All floors of a rigid
     building have the acceleration of the beam, which is g times the output `PeakShear`.
 
-    If modes are omitted, floor j also receives the fraction 1 − ΣΓ_iφ_ji of the impulses that impacts exert
-    on the deck, (L2), (L3). This output ignores these impulses.
+    If modes are omitted, an impact also changes the velocity of floor j, by the fraction 1 − ΣΓ_iφ_ji of the
+    velocity jump of the deck, (L2), (L3). This output ignores these velocity jumps.
     """
 
     name = "peak_floor_acceleration"

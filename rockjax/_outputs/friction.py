@@ -26,8 +26,8 @@ Forces = tuple[Force, Force]
 
 
 def _interior_maximum(tangential: Cubic, axial: Cubic, reference: Force) -> tuple[Value, Flag]:
-    """Return the position z of the interior maximum of T·N_0 − T_0·N for a force (T_0, N_0), and whether
-    there is one. Where this difference is positive, (T, N) is steeper than (T_0, N_0)."""
+    """Return the position z of the interior maximum of T·N_0 − T_0·N, and whether there is one. (T_0, N_0) is
+    the force `reference`. Where the difference is positive, (T, N) is steeper than (T_0, N_0)."""
     a, b, c = (
         k * (reference.axial * t - reference.size * n)
         for k, t, n in zip((1, 2, 3), tangential[1:], axial[1:], strict=True)
@@ -52,9 +52,9 @@ def steepest(
     - `accumulator`: steepest force so far
     - `zone`: fraction of the step at both ends where a maximum needs no shorter step
 
-    A force inside the step that is steeper than the `accumulator` and the forces at both ends is found at the
-    maximum of T·N_0 − T_0·N, where (T_0, N_0) is the steepest of these three. A second search takes the force
-    from the first search as (T_0, N_0); such searches converge quadratically (Dinkelbach's method).
+    Let (T_0, N_0) be the steepest of the `accumulator` and the forces at both ends. If a force inside the
+    step is steeper, T·N_0 − T_0·N is positive there, and the force at its maximum is taken. A second search
+    takes this force as (T_0, N_0); such searches converge quadratically (Dinkelbach's method).
     """
     constant, h = jax.lax.stop_gradient, span.h
 
@@ -167,8 +167,8 @@ class PeakFriction(AbstractJointOutput):
 @dataclasses.dataclass(frozen=True)
 class FrictionUse(AbstractJointOutput):
     """The largest use of friction 1 − (μN − |T|)/(μN_0) at a joint [–], with the dead load N_0 of the mean
-    column. At a use above 1, the joint would slide. The answer is 0 at a joint without dead load. Targets use
-    this output because it is smooth where a joint would open, unlike |T|/N.
+    column. At a use above 1, the joint would slide. The answer is 0 at a joint without dead load. Design
+    targets use this output because it is smooth where a joint would open, unlike |T|/N.
 
     The accumulator contains the largest |T| − μN of each joint [m/s²].
 

@@ -42,9 +42,9 @@ class ImpactFriction(AbstractJointOutput, AbstractEventOutput):
     """The largest friction demand max|J_T|/J_N at impacts, and the least J_N divided by the mean J_N of all
     columns, at the bottom and the top joint of the worst column, (F12), (F14).
 
-    The axial impulse of a column at x_i differs from the mean by x_i times `_impulse_gradient`, with the
-    opposite sign for impacts from σ = −1. All answers are monotone in this product. The accumulator contains
-    the largest values of the gradient and of its negative; −inf before the first impact.
+    The axial impulse of a column at x_i differs from the mean by x_i times `_impulse_gradient`; at impacts
+    from σ = −1 the difference has the opposite sign. All answers are monotone in this difference. The
+    accumulator contains the largest values of the gradient and of its negative; −inf before the first impact.
     """
 
     name = "impact_friction"
@@ -127,4 +127,4 @@ def _is_unchanged(c: Coefficients, sway: Value | float, accumulator: Extremes) -
     )
     raised = jnp.maximum(ends[1] * largest, -ends[0] * negative)  # largest increase of an axial impulse
     lowered = jnp.maximum(ends[1] * negative, -ends[0] * largest)
-    return all_of(bound <= known * (1 + ROUNDING) for known in jax.lax.stop_gradient((raised, lowered)))
+    return all_of(bound <= so_far * (1 + ROUNDING) for so_far in jax.lax.stop_gradient((raised, lowered)))

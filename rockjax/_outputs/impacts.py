@@ -1,4 +1,4 @@
-"""The number of impacts until rest, and a weighted sum over impacts for the estimate of errors."""
+"""The outputs "impacts" and "errors": the count of impacts until rest, and a weighted sum over impacts."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from .views import Ended, Start, StepEnd
 
 @dataclasses.dataclass(frozen=True)
 class Impacts(AbstractInternalOutput):
-    """The output that makes a scene count all impacts until rest. Without it the scene ends as soon as all
-    other outputs are final."""
+    """The output "impacts": a scene continues, and counts impacts, until the columns rest for good. Without
+    this output it ends as soon as all other outputs are final."""
 
     name = "impacts"
     follows_impacts = True
@@ -31,7 +31,7 @@ class Impacts(AbstractInternalOutput):
 
 class Energetic(NamedTuple):
     """Weighted sum over impacts. With y = |θ̇⁻|/(pα), an impact contributes y⁸ for y ≤ 1 and 1 + 8(y − 1) for
-    y > 1, so that slow impacts, after which the columns cannot overturn, contribute very little."""
+    y > 1. Slow impacts, after which the columns cannot overturn, thus contribute very little."""
 
     total: Value  # sum over all impacts so far
     last: Value  # contribution of the last impact

@@ -25,7 +25,7 @@ class _Counts(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class ImpactsBeforePeak(AbstractEventOutput):
-    """The number of impacts before the time of the peak rotation: how many impacts the peak depends on."""
+    """The number of impacts before the peak rotation, on which this peak depends."""
 
     name = "impacts_before_peak"
     description = "number of impacts before the peak rotation"

@@ -1,7 +1,7 @@
 """Bounds on forces in the joints, from bounds on the remaining motion of a scene.
 
-Forces are per column and divided by m_c [m/s²], as in `joint_forces`. Bounds while rocking are for σ = 1;
-rocking with σ = −1 is the mirror image.
+Forces are per column and divided by m_c [m/s²], as in `joint_forces`. While the columns rock, the bounds are
+written for σ = 1; rocking with σ = −1 is the mirror image.
 """
 
 from __future__ import annotations
@@ -68,8 +68,8 @@ class JointBounds:
     """Bounds on joint forces, from bounds on the motion.
 
     A force is a sum of terms with θ̈, θ̇², the ground acceleration, the spring forces F_i and the deformations
-    d_i of the modes. θ̈ follows from Eq. (24) and thus depends on the same springs that load the joints.
-    Rotation and vibration share one bound on the energy.
+    d_i of the modes. θ̈ follows from Eq. (24), so it depends on the same springs that load the joints. The
+    energy of rotation and vibration together has one bound.
 
     - `c`: constants of the podium
     - `ground`, `vertical`: bounds on |ü_g| and |v̈_g| [m/s²]
@@ -102,7 +102,8 @@ class JointBounds:
 
     @classmethod
     def from_bounds(cls, bounds: Bounds) -> Self:
-        """Return the bounds on forces after a state, computed once for all outputs."""
+        """Return the bounds on forces that follow from bounds on the motion. They are computed once, for all
+        outputs."""
         return bounds.shared(cls._compute)
 
     @classmethod

@@ -44,8 +44,8 @@ class MeanForces(NamedTuple):
     - `foundation`: (V, W), horizontal and vertical force on the foundation, (F5)
     - `eccentricity`: position of the resultants divided by half the width of a column: ξ in full contact,
       (F10), and σ while rocking
-    - `lean`: ratio −ΔT_i/ΔN_i, where ΔT_i and ΔN_i are the forces of column i minus those of the mean column:
-      ξ tan α in full contact, (F11), and tan ψ while rocking, (F9)
+    - `lean`: −ΔT_i/ΔN_i, where ΔT_i and ΔN_i are the forces of any column i minus those of the mean column.
+      It is ξ tan α in full contact, (F11), and tan ψ while rocking, (F9)
     """
 
     bottom: tuple[Value, Value]

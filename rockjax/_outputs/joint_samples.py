@@ -1,4 +1,4 @@
-"""Bounds on forces in the joints in a sampling interval of a record, for podiums without restrainers."""
+"""Bounds on forces in the joints over a sampling interval of a record, for podiums without restrainers."""
 
 from __future__ import annotations
 

@@ -33,8 +33,8 @@ class Force(NamedTuple):
 
     def is_steeper(self, other: Force) -> Flags:
         """Return whether the angle from the vertical, atan2(|T|, N), is larger than that of another force.
-        Unlike the ratio |T|/N, the angle increases through N = 0. A force of zero is not steeper than any
-        other."""
+        Unlike the ratio |T|/N, the angle still increases where N decreases through 0. A force of zero is not
+        steeper than any other."""
         return self.size * other.axial > other.size * self.axial
 
     def steeper(self, other: Force) -> Force:
@@ -100,7 +100,7 @@ def over_step(step: Step) -> EndForces[Course]:
 
 def over_rest(rest: Rest) -> list[EndForces[Value]]:
     """Return the forces at the least and the largest ground acceleration while a rigid podium is in full
-    contact. N and V are linear in ü_g."""
+    contact. The extremes of N and V are among them, because N and V are linear in ü_g."""
     c = rest.scene.c
     assert not isinstance(rest.scene.excitation, GroundMotion)  # see `needs_simple_contact`
     zero = jnp.zeros_like(c.alpha)

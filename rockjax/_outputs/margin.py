@@ -19,8 +19,8 @@ from .views import Bounces, Start, Step, StepEnd, Turn
 
 @dataclasses.dataclass(frozen=True)
 class Margin(AbstractEventOutput):
-    """The overturning margin: the least margin of all turning points, or a negative value if the scene
-    overturned."""
+    """The overturning margin (see `turning_points.py`): the least margin of all turning points, or a negative
+    value if the scene overturned."""
 
     name = "margin"
     unit = "1"
@@ -53,7 +53,8 @@ class Margin(AbstractEventOutput):
         return jnp.where(end.toppled, margin_at_fall(scene.c, scene.overturn_angle, v[0]), least), note
 
     def over_bounces(self, bounces: Bounces, accumulator: Value) -> Flag:
-        # The right-hand side is a lower bound on the margins of the bounces, since gravity stops the columns.
+        # The right side is a lower bound on the margins of all bounces, because gravity alone stops the
+        # columns.
         return accumulator <= margin_at_rest(bounces.c, bounces.overturn_angle, bounces.height)
 
     def is_final(self, bounds: Bounds, accumulator: Value) -> Flag | bool:
@@ -63,8 +64,8 @@ class Margin(AbstractEventOutput):
 
 @dataclasses.dataclass(frozen=True)
 class TurningPoints(AbstractInternalOutput):
-    """The turning point in the latest trial step, from which batches estimate the distance to the overturning
-    boundary."""
+    """The turning point of the rotation in the latest trial step. Batches estimate the distance to the
+    overturning boundary from it."""
 
     name = "turning_points"
 

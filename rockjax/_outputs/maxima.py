@@ -15,12 +15,12 @@ from rockjax._programs.barrier import barrier
 from rockjax._types import Flag, Flags, Value, Values
 
 # A step is shortened to end on an extremum that may exceed the maximum so far, unless the extremum is in an
-# *end zone*: this close to an end of the step, the polynomial is as accurate as the step itself.
-NEAR_MAXIMUM = 1e-2  # an extremum above (1 − NEAR_MAXIMUM) times the maximum so far may exceed it
+# *end zone*, so close to an end of the step that the polynomial is as accurate as the step itself.
+NEAR_MAXIMUM = 1e-2  # it may exceed the maximum so far if it is above (1 − NEAR_MAXIMUM) times this maximum
 END_ZONE = 0.02  # end zone for turning points of θ, as a fraction of the step
-# End zones for other quantities. They are smaller because a vibrating superstructure has larger high
-# derivatives. A force may turn at a time that depends so strongly on a parameter that a small error of this
-# time changes the derivative.
+# End zones for other quantities. They are smaller, because higher derivatives of a vibrating superstructure
+# are larger, and because the time at which a force turns may depend strongly on a parameter: then even a
+# small error of this time changes the derivative of the force.
 END_ZONE_DEFORMATIONS = 2e-3
 END_ZONE_ACCELERATIONS = 1e-6
 # End zone for forces in the joints, which have many maxima: END_ZONE_FORCES · rtol^¼, limited to the other
@@ -28,7 +28,7 @@ END_ZONE_ACCELERATIONS = 1e-6
 END_ZONE_FORCES, LEAST_END_ZONE, LARGEST_END_ZONE = 0.1, 1e-4, 1e-2
 ROUNDING = 64  # relative differences below this multiple of the machine epsilon are rounding
 ROUNDING_ANGLE = 4  # the same for θ, which has smaller rounding errors because the solver integrates it
-CLOSE = 1024  # an extremum that exceeds an end by less than this multiple, relatively, is next to the end
+CLOSE = 1024  # relative differences of an extremum from an end below this multiple are treated as rounding
 
 
 class Cubic(NamedTuple):
@@ -117,12 +117,12 @@ def largest(
     sizes: Sizes = "absolute",
     joint_end_zone: Value | None = None,
 ) -> Maximum:
-    """Return the `Maximum` of |f| over a step.
+    """Return the `Maximum` of a quantity f over a step.
 
     - `path`: f(z) on z ∈ [0, 1]
     - `h`: length of the step [s]
     - `long`: whether the step is long enough for accurate curvatures of the path (`hermite.is_long`)
-    - `accumulator`: largest |f| so far
+    - `accumulator`: largest value so far
     - `ends`: f at both ends
     - `end_zone`: fraction of the step at both ends where an extremum needs no shorter step
     - `shortens_step`: whether steps are shortened at all
@@ -130,9 +130,9 @@ def largest(
       `accumulator` has the same form
     - `joint_end_zone`: for forces in the joints, replaces `end_zone`; None for other quantities
 
-    If f turns twice in the step, and one of these extrema may exceed the accumulator, the step to try next
-    ends between them. For forces, an extremum must also exceed both ends: where a force grows by orders of
-    magnitude in a step, the cubic has a dip that the force does not have.
+    If f turns twice in the step, and one of these extrema may exceed the accumulator, the next trial ends
+    between them. For forces in the joints, an extremum must also exceed the values at both ends, because the
+    cubic of a force that grows by orders of magnitude in a step has a dip that the force does not have.
     """
     rates = [end.rate for end in ends]
     turned = rates[0] * rates[1] < 0
@@ -144,8 +144,8 @@ def largest(
     for z_end, end in zip((0.0, 1.0), ends, strict=True):
         at_end = safe_ratio(path.curvature(jnp.full_like(h, z_end)), h * h, h > 0)
         curvature = jnp.where(long, at_end, mean_curvature)
-        # Where the nearest extremum equals the end up to rounding, return the extremum: an error δt of its
-        # time causes an error of order δt² in the value, but of order δt in the derivative.
+        # If the nearest extremum equals the value at this end up to rounding, the extremum replaces the
+        # value. An error δt of the time changes the value only by order δt², but its derivative by order δt.
         constant = jax.lax.stop_gradient(curvature)
         to_extremum = -0.5 * safe_ratio(end.rate * end.rate, constant, constant != 0)
         is_close = jnp.abs(to_extremum) < CLOSE * eps * jnp.abs(end.value)
@@ -171,7 +171,7 @@ def largest(
             exceeds_ends = jax.lax.stop_gradient(value > largest_end + rounding * jnp.abs(largest_end))
             threshold = so_far - jnp.where(jnp.isfinite(so_far), NEAR_MAXIMUM * jnp.abs(so_far), 0.0)
         shortens = shortens_step & turned & exceeds_ends & (value > threshold)
-        size_of_dip = size_at_z + change  # bound of |f| at both turning points
+        size_of_dip = size_at_z + change  # bound of f or |f| at both turning points
         if joint_end_zone is not None:
             threshold = jnp.maximum(threshold, largest_end - NEAR_MAXIMUM * jnp.abs(largest_end))
         else:
@@ -192,7 +192,7 @@ def _extremum(
     """Return the position z and the value of an extremum in a step, and whether the path also dips
     (`Path.turning_point_or_dip`).
 
-    In a short step, rounding dominates the polynomial, but not the rates. There the extremum follows from the
+    In a short step, rounding dominates the polynomial, but not the rates. The extremum then follows from the
     rates, which are nearly linear in time, and from the value at the nearer end.
     """
     start, end = ends

@@ -1,4 +1,4 @@
-"""The largest rotation. Every scene computes it, because other outputs and skipped bounces need it."""
+"""The largest rotation. Every scene computes it, because fast-forwards and other outputs need it."""
 
 from __future__ import annotations
 
@@ -87,8 +87,8 @@ def highest_angle(end: StepEnd) -> tuple[Value, Value]:
     end_angle = jnp.where(end.hit, 0.0, jnp.where(end.toppled, step.scene.overturn_angle, at_stop))
     peak, end_angle = barrier((guard.path.value(guard.turn), end_angle))
     at_turn = step.has_peak & (peak >= end_angle)
-    # If |θ| is largest at the end of a step without an event there, the end is a turning point up to
-    # rounding.
+    # If |θ| is largest at the end of a step, and the step does not end on an event or at the end of the
+    # scene, the end is a turning point up to rounding.
     at_event = (end.lands | step.trial.ends_scene) & ~at_turn
     turn = jnp.where(at_turn, guard.turn, 1.0)
     time = jnp.where(at_event, end.now, step.state.t + step.time_to_turn(turn))

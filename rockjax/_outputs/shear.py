@@ -23,7 +23,7 @@ from .views import Bounces, Ended, Moment, Rest, Sample, Start, Step
 class PeakShear(AbstractOutput):
     """The peak shear of the superstructure divided by its weight, max|V_s|/(m_t g), Eq. (7).
 
-    Mass that belongs to no mode moves with the deck. The impulses that impacts exert on this mass are
+    Mass that belongs to no mode moves with the deck. The impulses that act on this mass at impacts are
     ignored.
     """
 
@@ -50,9 +50,8 @@ class PeakShear(AbstractOutput):
     def over_step(self, step: Step, accumulator: Value) -> Maximum:
         if step.c.vibration is None:
             return step.largest(step.course(self.quantity), accumulator, END_ZONE_ACCELERATIONS)
-        # The polynomial of a force contains the derivative of the polynomial of a deformation, which is less
-        # accurate. Therefore a step is shortened to end on the maximum of a force, whatever the order of the
-        # method.
+        # The polynomial of a force contains the derivative of that of a deformation, which is less accurate.
+        # Therefore steps end on maxima of forces for methods of any order.
         modal: ModalConstants | None = step.c.modal
         course = step.spring_forces if modal is None else step.inertia_force()(modal.shares)
         force = step.largest(course, accumulator * step.c.g, END_ZONE_ACCELERATIONS)
@@ -92,7 +91,7 @@ def stays_below(sample: Sample, accumulator: Value) -> Flag:
 
 
 def exceeds_nowhere(start: Value, end: Value, curvature: Value, level: Value | float) -> Flag:
-    """Return whether a quantity y stays below a level in a step of length h.
+    """Return whether a quantity y certainly does not exceed a level in a step of length h.
 
     - `start`, `end`: y at both ends; `curvature`: bound on h²|d²y/dt²|; `level`: the level
     """

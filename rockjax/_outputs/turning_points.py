@@ -2,20 +2,20 @@
 
 The margin is an energy divided by the depth of the potential well, which is the difference of the potential
 between full contact and the overturning angle α_o = overturn_ratio·α. At a turning point |θ| = θ_m < α_o, the
-margin is the work that a rotation from θ_m to α_o would do against gravity, G, and against other decelerating
-moments, W:
+margin is the work that a rotation from θ_m to α_o would do, against gravity (G) and against other
+decelerating moments (W):
 
     M = G + W/(1 + W/w),   G = [cos(α−α_o) − cos(α−θ_m)] / d,   W = f⁺ [sin(α−θ_m) − sin(α−α_o)] / d,
     d = cos(α−α_o) − cos α,
 
-where f is the decelerating moment of all but gravity at the turning point, divided by the coefficient of
+where f is the decelerating moment at the turning point without that of gravity, divided by the coefficient of
 gravity in Eq. (24), f⁺ is the positive part of f, and w = 0.02. A column that reaches α_o with the speed θ̇
 has the excess energy I θ̇²/2 there, and the margin −I θ̇²/2 divided by the depth. I is the inertia of
 columns, beam and superstructure moving together, as they do near the unstable equilibrium.
 
-M passes through zero with a finite slope, both during the shaking and after it. The slopes on both sides are
-equal if only gravity acts, and nearly equal if the ground still moves or the superstructure vibrates. With
-restrainers the potential V of (C3) replaces the potential of gravity, (C21):
+As a function of a parameter, M passes through zero with a finite slope, both during the shaking and after it.
+The slopes on both sides are equal if only gravity acts, and nearly equal if the ground still moves or the
+superstructure vibrates. With restrainers the potential V of (C3) replaces the potential of gravity, (C21):
 
     G = 1 − V(θ_m)/V(α_o),   f = I (−σθ̈) − V'(θ_m),   W = f⁺ [sin(α−θ_m) − sin(α−α_o)] / V(α_o).
 
@@ -34,7 +34,7 @@ from rockjax._engine.energy import potential, potential_slope, rotational_inerti
 from rockjax._sincos import sincos
 from rockjax._types import Value
 
-MAX_WORK = 0.02  # w: limit of the contribution of moments other than gravity
+MAX_WORK = 0.02  # w: limit of the contribution of other moments than that of gravity
 
 
 def margin_at_turn(c: Coefficients, overturn_angle: Value, theta: Value, slowing: Value) -> Value:
@@ -68,6 +68,6 @@ def margin_at_rest(c: Coefficients, overturn_angle: Value, theta: Value) -> Valu
 
 
 def _moment(c: Coefficients, theta: Value, rate: Value) -> Value:
-    """Return I times `rate`, divided by N m_c; `rate` is an angular acceleration or a squared speed
-    [rad²/s²]."""
+    """Return I times `rate`, divided by N m_c [m²/s²]; `rate` is an angular acceleration or a squared angular
+    speed."""
     return c.two_R**2 / 3 * rotational_inertia(c, jnp.ones_like(theta), theta) * rate

@@ -55,6 +55,6 @@ class PeakVelocityJump(AbstractEventOutput):
 
 def _jump_bound(c: Coefficients, speed: Value, min_impact_speed: Value) -> Value:
     """Bound the velocity jumps at impacts with |θ̇⁻| ≤ `speed` [m/s]. After an impact with |θ̇⁻| ≤
-    `min_impact_speed` the deck is at rest, so that the jump is its whole velocity."""
+    `min_impact_speed` the deck is at rest, so the jump is its whole velocity."""
     change = jnp.maximum(jnp.minimum(1 - c.restitution, 1.0) * speed, jnp.minimum(speed, min_impact_speed))
     return c.two_R * c.cos_alpha * change

@@ -1,10 +1,10 @@
 """Views of a scene for the outputs: moments, steps, impacts, and parts that are skipped.
 
-An output reads these views instead of the loop state, and computes a new accumulator from a view and the
-current accumulator.
+An output reads these views instead of the loop state. From a view and its accumulator (its value so far) it
+computes the new accumulator.
 
-A *stamp* is the value of a time, held constant under differentiation. The time of an event or a breakpoint
-depends on the parameters and has a derivative.
+The time of an event or a breakpoint depends on the parameters and has a derivative. A *stamp* is the value of
+such a time, held constant under differentiation.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ Quantity = Callable[[Moment], Any]  # returns values, or a tuple of values
 
 
 class Turn(NamedTuple):
-    """A maximum |θ| = θ_m inside a step; inf if there is none."""
+    """A maximum of |θ| inside a step; both fields are inf if there is none."""
 
     margin: Value  # overturning margin of this turning point [–]
     slowing: Value  # angular deceleration −σθ̈ [rad/s²]
@@ -103,8 +103,9 @@ class Span(NamedTuple):
 
     - `h`: length of the step
     - `long`: whether the step is long enough for accurate curvatures of polynomials (`hermite.is_long`)
-    - `before`, `after`: time from the start, and from the end, to the event or breakpoint there; zero or
-      short, with derivatives
+    - `before`: time from the start of the step to the event or breakpoint there, zero in value
+    - `after`: time from the end of the step to the event or breakpoint there, zero or short. Both have
+      derivatives
     """
 
     h: Value
@@ -114,7 +115,7 @@ class Span(NamedTuple):
 
 
 class Course(NamedTuple):
-    """A quantity over a step: a polynomial, and the values and rates in time at both ends."""
+    """A quantity over a step: a polynomial, and (value, rate in time) at both ends."""
 
     path: Any  # a `Path`
     start: tuple[Values, Values]
@@ -129,14 +130,15 @@ Jet = tuple[Values, Values, Values]  # a quantity with its first two derivatives
 
 
 class Step:
-    """A trial step as outputs see it: both ends, the contact mode, and polynomials of quantities in between.
+    """A trial step as outputs see it: both ends, the contact mode, and polynomials of quantities over the
+    step.
 
     - `scene`: the prepared scene
     - `ends_on_maxima`: whether steps end on maxima, because the method has a higher order than the
       polynomials
     - `state`: state at the start of the step
     - `ground_at`: t ↦ ground acceleration on the current piece of the excitation [m/s²]
-    - `trial`, `guard`: the step, and the quantity that ends its contact mode (`rockjax._engine.guard`)
+    - `trial`: the step; `guard`: the quantity that ends its contact mode (`rockjax._engine.guard`)
     - `before`, `after`: as in `Span`
     """
 
@@ -185,7 +187,7 @@ class Step:
 
     def courses(self, quantity: Quantity) -> list[Course]:
         """Return the values of a quantity over the step as cubics, in the order of the tuple that the
-        quantity returns. Scalars in a tuple are much faster in batches than an array of them."""
+        quantity returns. In batches a tuple of scalars is much faster than an array."""
         if quantity in self._courses:  # several outputs may use the same quantity
             return self._courses[quantity]
         state, trial, c, sigma = self.state, self.trial, self.c, self.sigma
@@ -346,9 +348,9 @@ class Step:
         derivative.
 
         Over a very short step, the slopes of the quintic are differences of nearly equal numbers. The time
-        then follows from the speeds and accelerations at both ends, and its derivative from −θ̇'/θ̈, where θ̇'
-        is the derivative of the speed. This quotient is interpolated between the ends, because a damper with
-        a small exponent changes θ̇' and θ̈ suddenly near the turning point, but not the quotient.
+        then follows from the speeds and accelerations at both ends. Its derivative is −θ̇'/θ̈, where θ̇' is the
+        derivative of the speed. The quotient is interpolated between the ends, because a damper with a small
+        exponent changes θ̇' and θ̈ suddenly near the turning point, but not their quotient.
         """
         constant = jax.lax.stop_gradient
         newton = lambda value, slope: jnp.clip(safe_ratio(value, slope, slope != 0), -1.0, 1.0)
@@ -360,8 +362,8 @@ class Step:
         shifts = [safe_ratio(v - constant(v), constant(a), constant(a) != 0) for v, a in ends]
         in_short_step = root * trial.h - ((1 - root) * shifts[0] + root * shifts[1])
         in_long_step = (z - newton(path.slope(z), path.curvature(z))) * trial.h
-        # The time needs no derivative of the quintic above the second, so that rounding is small in shorter
-        # steps than for `span.long`.
+        # This time contains only two derivatives of the quintic. Their rounding errors are small also in
+        # steps ten times shorter than `span.long` requires.
         long = is_long(trial.h, 0.1 * self.scene.max_step)
         return jnp.where(long, in_long_step, in_short_step)
 
@@ -395,7 +397,7 @@ class Impact(NamedTuple):
     - `t`: time of the impact, with its derivative [s]
     - `ground`: ü_g, or ü_g and v̈_g, after the impact [m/s²]
     - `x`, `v`: positions and velocities before the impact; θ = 0
-    - `v_after`: velocities after the impact, also where the bounces that follow it are skipped
+    - `v_after`: velocities just after the impact, even if the bounces that follow it are skipped
     - `sigma_after`: contact mode after the impact
     """
 
@@ -446,19 +448,19 @@ class Rest:
 
     - `scene`: the prepared scene
     - `start`, `end`: times between which the columns rest, with their derivatives [s]
-    - `short`: how long before `end` the evaluation stops [s]; 0 unless the ground acceleration jumps at `end`
+    - `excluded`: duration before `end` that is left out [s]; 0 unless the ground acceleration jumps at `end`
     """
 
-    def __init__(self, scene: Scene, start: Value, end: Value, short: Value):
-        self.scene, self.start, self.end, self.short = scene, start, end, short
+    def __init__(self, scene: Scene, start: Value, end: Value, excluded: Value):
+        self.scene, self.start, self.end, self.excluded = scene, start, end, excluded
 
     @functools.cached_property
     def largest_ground_acceleration(self) -> Value:
         """Largest |ü_g| during the rest [m/s²].
 
         The result is 0 after the end of the excitation. If the maximum is at an end of the rest, a jump or a
-        kink, the result also has the derivative due to the time of this point. At a smooth maximum this
-        derivative is zero.
+        kink, its derivative includes the effect of the time of this point. At a smooth maximum the time has
+        no effect.
         """
         return jnp.where(self._is_shaken, jnp.abs(self._extreme(None)), 0.0)
 
@@ -483,7 +485,7 @@ class Rest:
 
     @property
     def _end(self) -> Value:
-        return jax.lax.stop_gradient(self.end) - self.short
+        return jax.lax.stop_gradient(self.end) - self.excluded
 
     @property
     def _is_shaken(self) -> Flag:
@@ -508,7 +510,7 @@ class Rest:
 
 
 class Sample(NamedTuple):
-    """A sampling interval of a record that is skipped without a trial; θ is monotone in it.
+    """A sampling interval of a record that may be skipped without a trial; θ is monotone in it.
 
     - `c`: constants of the podium; `sigma`: the contact mode
     - `h`: length of the interval [s]
@@ -523,13 +525,11 @@ class Sample(NamedTuple):
 
 
 class Bounces(NamedTuple):
-    """Skipped bounces of a rigid podium that end at rest.
+    """Bounces of a rigid podium that end at rest and may be skipped.
 
     - `c`: constants of the podium
     - `overturn_angle`: α_o [rad]
-    - `ground`: bound on |ü_g| [m/s²]
-    - `height`: bound on |θ| [rad]
-    - `speed`: bound on |θ̇| [rad/s]
+    - `ground`, `height`, `speed`: bounds on |ü_g| [m/s²], |θ| [rad] and |θ̇| [rad/s] during the bounces
     - `min_impact_speed`: the columns rest after an impact with |θ̇⁻| up to this speed [rad/s]
     """
 

@@ -17,7 +17,7 @@ class Range(NamedTuple):
     """Interval of valid values of a parameter.
 
     - `low`, `high`: ends of the interval; `closed`: whether each end belongs to the interval
-    - `unit`: unit of the ends, which the property `text` appends
+    - `unit`: unit of the ends, for the property `text`
     """
 
     low: float = -math.inf
@@ -58,9 +58,9 @@ class Parameter(NamedTuple):
     - `attribute_path`: attributes that lead to the value in the structure, such as `superstructure.T_s`.
       Members of a tuple are named by their class, as in `restrainers.Tendon.stiffness`. Empty for derived
       parameters
-    - `formula`: definition of the symbol; `note`: meaning of a special value, or of a missing value
+    - `formula`: definition of the symbol; `note`: further text, such as the meaning of a missing value
     - `instead_of`: parameters of the same quantity, which cannot be given together with this parameter
-    - `is_integer`: whether the parameter is a whole number, which neither varies nor has a derivative
+    - `is_integer`: whether the parameter is a whole number, which cannot vary in a batch or be differentiated
     """
 
     name: str
@@ -243,7 +243,7 @@ INITIAL = _by_name(
 
 
 def attribute_name(parameter: Parameter) -> str:
-    """Return the name under which files store a parameter as an attribute: the name and the unit."""
+    """Return the name of a parameter as an attribute of a file: its name and unit, such as `R_m`."""
     name = {"lam": "lambda"}.get(parameter.name, parameter.name)
     return name if parameter.unit == "1" else f"{name}_{parameter.unit.replace(' ', '_').replace('-', '')}"
 
@@ -254,7 +254,8 @@ def motion_parameter(name: str) -> Parameter:
 
 
 def find_entry(name: str) -> Parameter | None:
-    """Return the parameter with a name or a path, such as `excitation.gamma`; None if there is none."""
+    """Return the parameter with a name, which may have a prefix such as `excitation.`; None if there is
+    none."""
     path, _, short = name.rpartition(".")
     table = STRUCTURE if short in STRUCTURE and not path.startswith("excitation") else MOTION
     return table.get(short)
@@ -267,7 +268,7 @@ def variable_attributes(name: str) -> dict[str, str]:
 
 
 def find_clash(names: Iterable[str]) -> tuple[str, str] | None:
-    """Return two of the names that describe the same quantity, or None if there is no such pair."""
+    """Return the first two names that describe the same quantity, or None if there is no such pair."""
     names = tuple(names)
     for table in (STRUCTURE, MOTION):
         for name in names:

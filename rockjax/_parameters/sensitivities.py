@@ -1,4 +1,4 @@
-"""Parameters y of sensitivities y ∂/∂y: checks of their names, and scaling of their values."""
+"""Parameters y of sensitivities y ∂/∂y: checks of their names, and multiplication of their values."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ def attribute_path_of(name: str) -> str:
 
 
 def parameters_of(podium: Podium) -> dict[str, Parameter]:
-    """Return the parameters of this podium by name, including derived ones."""
+    """Return the parameters of this podium by name, including derived ones such as `tan_alpha`."""
     entries = (STRUCTURE | MULTI_MODE_SCALARS).items()
     parameters = {
         name: entry for name, entry in entries if not entry.is_integer and has_parameter(podium, entry)
@@ -74,9 +74,9 @@ def _row(podium: Podium, entry: Parameter) -> tuple[Any, ...]:
 
 
 def _has_several_heights(podium: Podium) -> bool:
-    """Return whether the superstructure has several modes or floors, each with a height.
+    """Return whether the superstructure has modes or floors with a height each.
 
-    With a single mass, several heights mean a batch of structures.
+    Otherwise an array of heights means a batch of structures.
     """
     superstructure = podium.superstructure
     return superstructure is not None and superstructure.height_count is not None
@@ -86,7 +86,7 @@ _TOP_HEIGHT_PATH = STRUCTURE["top_height"].attribute_path
 
 
 def has_parameter(podium: Podium, parameter: Parameter) -> bool:
-    """Return whether this podium has a parameter; every podium has derived ones."""
+    """Return whether this podium has a parameter. Every podium has the derived parameters."""
     if parameter.attribute_path == _TOP_HEIGHT_PATH:
         return podium.elevation is not None and not _has_several_heights(podium)
     try:
@@ -205,9 +205,9 @@ def _index_of_class(members: tuple, class_name: str) -> int:
 
 
 def _for_all_modes(podium: Podium, path: str, value: Any) -> Any:
-    """Give the values of several podiums a last axis of modes, if the parameter has one value for all modes.
+    """Return values for a batch of podiums with a last axis of modes, if one value applies to all modes.
 
-    Without this axis, the axis of podiums would be taken for the axis of modes.
+    Without this axis, the axis of the batch would be taken for the axis of modes.
     """
     superstructure, field = podium.superstructure, path.removeprefix("superstructure.")
     if field == path or superstructure is None or field not in superstructure.rows:
@@ -244,6 +244,7 @@ def _with_changes(holder: Any, changes: Mapping[tuple[str, ...], Any]) -> Any:
 
 
 def _with_row_values(values: Any, changes: Mapping[int, Any]) -> Any:
-    """Return a row with some values replaced; `changes`: number from 1 → new value."""
+    """Return a row with some values replaced. `changes` maps the number of a value, from 1, to the new
+    value."""
     row = tuple(changes.get(k, y) for k, y in enumerate(split_row(values), start=1))
     return row if isinstance(values, tuple) else stack_row(row)

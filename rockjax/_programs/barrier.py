@@ -1,8 +1,8 @@
 """A barrier against repeated computation by the compiler.
 
-XLA splits an integration step into kernels, which are loops over the scenes of a batch. Every kernel
-recomputes all intermediate results that it needs, starting from stored values. Values behind the barrier are
-stored once, and all kernels read them.
+XLA splits an integration step into kernels, which are loops over the scenes of a batch. Without barriers,
+every kernel computes again all intermediate results that it needs, from stored values. A barrier stores its
+values, and all later kernels read them.
 """
 
 from __future__ import annotations

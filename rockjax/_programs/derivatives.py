@@ -1,10 +1,10 @@
 """Derivatives of programs, in forward mode together with the value.
 
 The answers of a scene are the floats and integers that its program returns. Inside a traced program,
-derivatives with respect to scalars come from a Jacobian (`_with_jacobian_rule`). For one scene with concrete
-parameters, one stored program serves all requested derivatives (`differentiable`): in one pass it computes
-the answers and the derivatives of the floats with respect to every scalar parameter of the podium and the
-excitation. `jax.grad`, `jacfwd` and `jvp` combine these derivatives.
+derivatives with respect to scalars come from a Jacobian (`_with_jacobian_rule`). A scene with concrete
+parameters has a stored program for all derivatives (`differentiable`). In one pass it computes the answers,
+and the derivatives of the floats with respect to every scalar parameter of the podium and the excitation.
+`jax.grad`, `jacfwd` and `jvp` combine these derivatives.
 """
 
 from __future__ import annotations
@@ -32,8 +32,9 @@ def push_forward(
     - `arguments`: arguments of the function, pytrees
     - `slopes`: for each argument a pytree of its derivatives with respect to n parameters, along a new
       first axis of length n; None for leaves that do not depend on the parameters
-    - `loops`: True for a function with loops, which is evaluated once together with all n tangents. A
-      function without loops is linearised first, so that the tangents share all intermediate results
+    - `loops`: True for a function with loops, whose tangents are computed together with its values. False
+      for a function without loops, which is linearised first, so that all n tangents share the
+      intermediate results
 
     Returns (floats, derivatives of the floats along a new first axis of length n, other outputs).
     """
@@ -112,8 +113,8 @@ def with_slopes(function: Callable) -> Callable:
 
 
 def _with_jacobian(function: Callable, leaves: Sequence[Any], varied: Sequence[int]):
-    """Compute the floats, their derivatives with respect to the leaves with the indices `varied` (one row per
-    leaf), and the integers, in one pass."""
+    """Return, from one pass, the floats, their derivatives with respect to the leaves with the indices
+    `varied` (one row per leaf), and the integers."""
     point = [_first_order_only(y) if i in varied else y for i, y in enumerate(leaves)]
     unit_tangents: list[Any] = [None] * len(point)
     for k, i in enumerate(varied):
@@ -170,10 +171,10 @@ def _first_order_only_jvp(primals, tangents):
 
 @jax.custom_jvp
 def with_tangents(values):
-    """Return values unchanged; if some of them have tangents, give the others zero tangents.
+    """Return values unchanged. If some of them have tangents, the others get zero tangents.
 
-    JAX transforms the body of a loop again whenever it finds another field with a tangent. If all fields have
-    tangents from the start, JAX transforms the body only once.
+    JAX transforms the body of a loop again whenever it finds a further field with a tangent. If all fields
+    have tangents from the start, JAX transforms the body only once.
     """
     return values
 
@@ -277,7 +278,8 @@ def directional_derivative(slope: np.ndarray, directions: dict[int, Any]):
     - `slope`: derivatives of the answer with respect to the parameters, along the first axis
     - `directions`: scalar tangents of parameters, by their index
 
-    Outside jit every operation compiles separately, so the function uses few and small operations.
+    Outside jit every operation compiles separately. The function therefore uses only few and simple
+    operations.
     """
     terms = []
     for k, direction in directions.items():

@@ -1,9 +1,8 @@
-"""Cache keys of programs, as strings: equal keys mean the same program, in every process.
+"""Keys of stored programs, as strings: equal keys mean the same program, in every process.
 
 A key contains the structure of the arguments (classes, static fields, shapes and types of arrays and
 numbers), the versions of the libraries, the source of this package, JAX's settings, and the processor.
-User-defined classes and functions have no key, since they may change between processes under the same
-name.
+User-defined classes and functions have no key, because the same name may mean other code in another process.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ _IGNORED_SETTINGS = ("cache", "log", "dump", "traceback", "profil", "hash")
 
 
 class NoKeyError(Exception):
-    """Raised for objects that no key identifies across processes."""
+    """Raised for an object that has no key."""
 
 
 class TracedFunction:
@@ -134,7 +133,7 @@ def describe_machine() -> str:
 def _describe_versions() -> str:
     device = jax.local_devices(backend="cpu")[0]
     libraries = [f"{name} {version(name)}" for name in _LIBRARIES]
-    try:  # the compiler uses the processor's features; if they are unknown, the machine's name replaces them
+    try:  # the compiler uses features of the processor; where they are unknown, the key names the machine
         lines = Path("/proc/cpuinfo").read_text().split("\n\n")[0].splitlines()
         processor = [line for line in lines if line.split(":")[0].strip().lower() in _PROCESSOR]
     except OSError:

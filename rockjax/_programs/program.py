@@ -53,15 +53,15 @@ class StoredProgram:
     """A compiled function of pytrees of arrays and numbers; other leaves and keyword arguments are static.
 
     - `function`: the function
-    - `donate`: positions of arguments whose buffers may be reused for the result
-    - `arrays_only`: True if Python numbers are static as well
+    - `donate`: positions of arguments whose memory may be reused for the result
+    - `arrays_only`: True to treat Python numbers as static, too
     - `compiler_options`: options of XLA
     - `name`: name of the program in its key; by default the full name of the function
     - `description`: name of the program in progress bars
 
-    For concrete arguments on a single CPU, the program is loaded from the store if possible, without
-    tracing and compiling, and gives bitwise identical results. All other arguments, such as tracers, are
-    passed to `jax.jit`.
+    For concrete arguments on a single CPU, the program is loaded from the store if possible, without tracing
+    and compiling. Its results are bitwise identical to those of the program that was stored. All other
+    arguments, such as tracers, are passed to `jax.jit`.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class StoredProgram:
             return (self._ready.get(key) or self._make(key, passed))(*passed)
 
     def prepare(self, *arguments: Any, **keywords: Any) -> None:
-        """Load or compile the program for such arguments in another thread, without waiting."""
+        """Start to load or compile the program for such arguments, in another thread."""
         passed, static = self._split(arguments, keywords)
         key = static, _types(passed), _SETTINGS(jax.config)
 
@@ -146,8 +146,8 @@ class StoredProgram:
 
     def _make(self, key: Any, passed: list) -> Callable:
         """Load or compile the program of a key."""
-        # One thread compiles a program, and other threads wait for it. But a thread that holds the tracing
-        # lock must not wait, because the compiling thread may be waiting for the tracing lock.
+        # One thread compiles a program while other threads wait for it. A thread that holds the tracing lock
+        # must not wait, because the compiling thread may need this lock.
         lock = self._locks.setdefault(key, threading.Lock())
         with contextlib.nullcontext() if _THREAD_STATE.tracing else lock:
             if key not in self._ready:
@@ -169,8 +169,9 @@ class StoredProgram:
         with compiling(self._description):
             with _tracing():
                 lowered = self._jit(static).lower(*passed)
-            if uses_store and not key:  # the lowered program identifies user-defined classes and functions
-                # Its text omits empty branches of the answers' tree, so the tree is added to the key.
+            if uses_store and not key:
+                # The text of the lowered program identifies user-defined classes and functions. It omits
+                # empty branches of the tree of answers, so this tree is added to the key.
                 key = f"{compile_key}\n{keys.describe_machine()}\n{lowered.out_tree}\n{lowered.as_text()}"
                 loaded = _load(key)
             if loaded is not None:
@@ -254,8 +255,8 @@ def _write(key: str, compiled: Any) -> None:
     """Store a program under a key, if possible."""
     try:
         content = serialize(compiled)
-        # Some trees of answers cannot be rebuilt after pickling. Rebuilding them here raises now, and not
-        # when the stored program is called.
+        # Some trees of answers cannot be rebuilt after pickling. Rebuilding the tree here raises an error now
+        # instead of in a call of the stored program.
         answers = pickle.loads(pickle.dumps(content[2]))
         jax.tree.unflatten(answers, range(answers.num_leaves))
         store.write(key, pickle.dumps(content))
@@ -297,7 +298,7 @@ def compiling(name: str) -> Iterator[None]:
 
 def current_compilation() -> str | None:
     """Return the name of the program whose compilation started last; None if none is being compiled."""
-    names = _COMPILING[-1:]  # a slice, since another thread may empty the list
+    names = _COMPILING[-1:]  # a slice, because another thread may empty the list in between
     return names[0] if names else None
 
 
@@ -338,7 +339,8 @@ def _runs_on_one_cpu() -> bool:
 
 @contextlib.contextmanager
 def nans_allowed() -> Iterator[None]:
-    """Disable JAX's checks for NaN and inf, which answers use for "none" and "not requested"."""
+    """Disable JAX's checks for NaN and inf, because both are valid answers: they mean "none" or "not
+    requested"."""
     settings: Any = jax.config
     if settings.jax_debug_nans or settings.jax_debug_infs:
         with jax.debug_nans(False), jax.debug_infs(False):

@@ -69,7 +69,7 @@ def limit() -> int:
 
 
 def _reason_unsafe(path: Path) -> str | None:
-    """Return why a folder or file is not trusted; None if it is trusted. Raises `OSError` if its
+    """Return the reason why a folder or file is not trusted; None if it is trusted. Raises `OSError` if its
     permissions cannot be read."""
     if not hasattr(os, "geteuid"):
         return None  # Windows, where access lists protect the user's folders
@@ -82,7 +82,7 @@ def _reason_unsafe(path: Path) -> str | None:
 
 
 def reason_unused() -> str | None:
-    """Return why programs are not stored; None if they are stored."""
+    """Return the reason why programs are not stored; None if they are stored."""
     if not enabled():
         return "ROCKJAX_CACHE is off"
     try:
@@ -171,7 +171,8 @@ def entries() -> list[Entry]:
 
 
 def clear() -> int:
-    """Delete all files of the folder; return how many. Raises `OSError` if a file cannot be deleted."""
+    """Delete all files of the folder and return their number. Raises `OSError` if a file cannot be
+    deleted."""
     stored = entries()
     for entry in stored:
         entry.path.unlink(missing_ok=True)

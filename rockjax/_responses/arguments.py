@@ -40,7 +40,7 @@ def check_precision(options: Options) -> None:
 
 @functools.cache
 def _least_tolerance(dtype: np.dtype) -> tuple[float, str]:
-    """Return the least `rtol` of a floating-point type, and the part of an error message that states it."""
+    """Return the least `rtol` of a floating-point type, and the requirement as part of an error message."""
     least = 20 * float(np.finfo(dtype).eps)
     return least, f">= {least:.1e} in {dtype} (loosen it, or enable float64 with jax_enable_x64)"
 
@@ -66,7 +66,7 @@ def as_start(owner: str, initial, podium: Podium) -> State:
     require_instance(owner, "initial", initial, State, "a rockjax.State")
     top = podium.superstructure
     if initial is REST and REST.theta.dtype == float_type() and (top is None or not top.has_mode_axis):
-        return initial  # without conversion, because in small batches copies to the device take most time
+        return initial  # not converted, because copies to the device take most of the time of small batches
     initial = jax.tree.map(functools.partial(as_float, label=f"{owner}: initial"), initial)
     if top is None or not top.has_mode_axis:
         return initial
@@ -87,7 +87,7 @@ def as_end(owner: str, t_end) -> Array | None:
 
 
 def check_range(owner: str, podium: Podium, excitation: AbstractExcitation, t_end, options: Options) -> None:
-    """Check that concrete arguments agree with each other.
+    """Check concrete arguments against each other.
 
     - `owner`: name of the calling function, for messages
     - `podium`, `excitation`, `options`: structure, ground motion and options of the scenes
@@ -128,7 +128,7 @@ def _check_margin(owner: str, podium: Podium, ratio: np.ndarray) -> None:
         require(owner, "options.overturn_ratio", ratio, lambda v: v <= least, accepted)
 
 
-IN_G = 0.05, 1.0  # [m/s²]; such amplitudes lift almost no structure, so they may be meant in g
+IN_G = 0.05, 1.0  # amplitudes in this range [m/s²] lift almost no structure, and may be meant in g
 
 
 def warn_of_amplitude_in_g(owner: str, podium: Podium, excitation: AbstractExcitation) -> None:

@@ -1,8 +1,8 @@
 """Estimated errors: differences between two solutions of the same scene with different tolerances.
 
-The tolerance of the second solution is a tenth of the first, so that the difference is the error of the first
-solution within about 10 %. If a tenth is too close to rounding, the second tolerance is ten times the first,
-and the difference overestimates the error.
+The second tolerance is a tenth of the first, so that the difference is the error of the first solution within
+about 10 %. If a tenth is too close to rounding, the second tolerance is ten times the first, and the
+difference overestimates the error.
 """
 
 from __future__ import annotations
@@ -22,12 +22,11 @@ from rockjax._outputs.registry import VARIABLES, variables_of
 from rockjax._outputs.values import by_name
 from rockjax._tree import Module
 
-# The true error is below this multiple of the estimate, except for one scene in a hundred
-# (docs/verification.md).
+# The true error is below this multiple of the estimate in more than 99 of 100 scenes (docs/verification.md).
 SAFETY = 10.0
 TOLERANCE_RATIO = 0.1  # second tolerance divided by the first, unless rounding prevents this
 # Two solutions have diverged if their sums of `EnergeticImpacts` differ by more than this, which corresponds
-# to 1/16 % in the speed of an impact with |θ̇| = pα. A low threshold makes it less likely that chaotic
+# to 1/16 % in the speed of an impact with |θ̇⁻| = pα. The lower this threshold, the less likely chaotic
 # solutions agree by chance.
 SUM_DIFFERENCE = 0.005
 # Rocking is chaotic if the peak rotations of both solutions differ by more than CHAOTIC_RTOLS times `rtol`
@@ -36,7 +35,7 @@ CHAOTIC_RTOLS, CHAOTIC_CHANGE = 1e5, 1e-3
 # Two solutions have diverged if their overturning times, multiplied by p, differ by more than this [–], which
 # corresponds to 1 % in the distance to the overturning boundary.
 FALL_DIFFERENCE = 0.01
-STRIDE_FACTOR = 0.7  # factor on the upper limit of the step length in the second solution
+STRIDE_FACTOR = 0.7  # factor on the largest step length in the second solution
 
 
 class Errors(Module):
@@ -45,9 +44,10 @@ class Errors(Module):
     - `peak_rotation` [–], `peak_deformation` [m], `peak_shear` [–], …: estimated absolute errors of the
       answers with these names, stored in `values`; inf for scenes that did not finish, NaN for outputs that
       were not requested, None for outputs that the podium does not have
-    - `undecided`: True if an error of ten times the estimate could decide whether the columns overturn, or if
-      rocking is chaotic: the two solutions differ in impacts after which columns can overturn, in the time
-      of overturning, or in the peak rotation by more than both 10⁵ `rtol` and 10⁻³, relative to the peak
+    - `undecided`: True if an error of ten times the estimate could decide whether the columns overturn, if
+      the scene did not finish, or if rocking is chaotic: the two solutions differ in impacts after which
+      columns can overturn, in the time of overturning, or in the peak rotation by more than both 10⁵ `rtol`
+      and 10⁻³, relative to the peak
     """
 
     values: dict[str, Any]
@@ -74,14 +74,14 @@ def second_options(options: Options) -> Options:
 
 
 def _have_diverged(a: dict[str, Any], b: dict[str, Any], xp) -> Any:
-    """Return whether two solutions have diverged, according to the impacts after which columns can overturn.
+    """Return whether two solutions differ in the impacts after which columns can overturn.
 
     - `a`, `b`: floats of both solutions by name
     - `xp`: NumPy or jax.numpy
 
-    Peaks alone do not show this, since both solutions may survive by chance with the same earlier peak.
-    Solutions that agree except for one more impact at the end of one of them have not diverged. If both
-    overturn, the times of overturning are also compared.
+    Peaks alone do not show a divergence, because it may come after the peaks, and both solutions may
+    survive by chance. Solutions that agree except for one more impact at the end of one of them have not
+    diverged. If both overturn, the times of overturning are also compared.
     """
     difference, last = a["energetic"] - b["energetic"], (a["last_energetic"], b["last_energetic"])
     if_one_more = xp.minimum(abs(difference - last[0]), abs(difference + last[1]))

@@ -1,8 +1,8 @@
 """The motion of the deck, of floors and of weighted sums of modes: accelerations and velocity jumps.
 
-An impact changes the velocity of the deck in an instant. The accelerations do not contain these velocity
-jumps, which are given separately. The *bodies* are the modes of the superstructure and the beam. A scene is
-divided into *pieces*, in which the accelerations of all bodies are smooth. Equations (L…) are in
+An impact changes the velocity of the deck (the beam) in an instant. The accelerations do not contain these
+velocity jumps, which are given separately. The *bodies* are the modes of the superstructure and the beam. A
+scene is divided into *pieces*, in which the accelerations of all bodies are smooth. The equations (L…) are in
 docs/floors.md and docs/equations.md.
 """
 
@@ -43,7 +43,8 @@ MIN_BEAM_WEIGHT = 1e-12  # a smaller weight of the beam, |1 − ΣW_i|, counts a
 DEGREE = 7  # degree of the polynomials of accelerations
 MAX_LAST_COEFFICIENT = 1e-8  # limit of the last Chebyshev coefficient divided by the largest acceleration
 MAX_HALVINGS = 12  # largest number of times that a piece is halved
-# A ground motion has at least this many pieces, because one step in full contact may cover all of it.
+# A ground motion is divided into at least this many pieces, because one step in full contact may cover all of
+# it.
 MOTION_PIECES = 64
 POINTS = 0.5 - 0.5 * np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))  # fractions of a piece
 TO_TERMS = np.linalg.inv(np.vander(POINTS, increasing=True)).T  # values at the points → coefficients c_k
@@ -90,15 +91,15 @@ def bodies(scene: history.Solved, t, left, node) -> Bodies:
     - `scene`: solved scene
     - `t`: times, shape (n,) [s]
     - `left`: whether to return the motion just before the time, shape (n,)
-    - `node`: index of the node of the history from which a step reaches the time, shape (n,); −1 for the
-      last node before the time
+    - `node`: index of the node of the history from which to step to the time, shape (n,); −1 for the last
+      node before the time
     """
     podium, excitation, nodes, end, method, rtol = scene
     c, nodes = history.constants(podium, excitation, rtol), jax.tree.map(jnp.asarray, nodes)
 
     def at(t, left, node):
-        # The motion just before t is that at the previous floating-point number, which lies before an event
-        # or breakpoint at t.
+        # The motion just before t is evaluated one rounding error earlier, before an event or breakpoint at
+        # t.
         t = jnp.where(left, t - jnp.finfo(t.dtype).eps * jnp.maximum(jnp.abs(t), 1.0), t)
         node = jnp.where(node < 0, history.node_before(nodes, t, jnp.zeros((), bool)), node)
         sigma, ground, x, v = history.sample(c, excitation, nodes, method, node, t)
@@ -313,7 +314,7 @@ class FloorMotion(Module):
     """Motion of the deck, of a story, or of a weighted sum of modes; from [`rockjax.Response.floor`][].
 
     Accelerations are absolute and do not contain the velocity jumps at impacts. Methods that take times
-    return NaN outside the scene, and work under `jit`; the peaks, `last`, `load` and `to_record` do not.
+    return NaN outside the scene. They work under `jit`, but the peaks, `last`, `load` and `to_record` do not.
 
     - `weights`: weights W_i of the modes, (L2) [–]; the weight of the deck is 1 − ΣW_i
     - `level`: "deck", the number of the story, or "weights"
@@ -382,8 +383,8 @@ class FloorMotion(Module):
     def last(self, end: float | None = None) -> float:
         """Return the time up to which the motion of the floor can be evaluated [s].
 
-        This is the end of the scene, or `end` if that is later and the podium is rigid and rests for good.
-        The default of `end` is the end of the ground motion.
+        This is the end of the scene. If the podium is rigid and rests for good, it is the later one of the
+        end of the scene and `end` [s], by default the end of the ground motion.
         """
         scene_end = float(self.end_time)
         if np.isfinite(self._limit):
@@ -407,10 +408,10 @@ class FloorMotion(Module):
         - `dt`: sampling interval, > 0 [s]
         - `direction`: "horizontal" or "vertical"
 
-        Sample k is ∫a ∧(t−t_k) dt + ΣΔv ∧(t_i−t_k) with the hat function ∧(τ) = max(0, 1−|τ|/dt)/dt. The
-        final velocity and displacement are exact, and spectra are accurate to O((dt/T)²). The peak of the
-        samples depends on dt and must not be used. The record starts one interval before the scene and ends
-        with a zero.
+        Sample k is ∫a ∧(t−t_k) dt + ΣΔv ∧(t_i−t_k) over all impacts i, with the hat function ∧(τ) =
+        max(0, 1−|τ|/dt)/dt. The final velocity and displacement are exact, and spectra are accurate to
+        O((dt/T)²). The peak of the samples depends on dt and must not be used. The record starts one interval
+        before the scene and ends with a zero.
         """
         owner = "FloorMotion.to_record"
         dt = require_number(owner, "dt", dt, lambda v: v > 0, "finite and > 0 s")

@@ -1,4 +1,4 @@
-"""Answers (results) of light secondary systems on the floors of a structure, also in tables and datasets."""
+"""Answers of light secondary systems on the floors of a structure, and their rows in tables and datasets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The motion of modes and beam (the bodies) along a history, which excites secondary systems on floors."""
+"""The motion of modes and beam (the bodies) along a history, as the excitation of secondary systems on
+floors."""
 
 from __future__ import annotations
 
@@ -24,17 +25,17 @@ from . import history
 from .floor import bodies
 from .floor_end import Ending, ending
 
-NEVER_LIFTS = 1.57  # slenderness α of columns that no ground motion lifts [rad]
-# By default, a scene continues after the ground motion for at least this many of the longest oscillator
-# periods.
+NEVER_LIFTS = 1.57  # slenderness α of columns so wide that no real ground motion lifts them [rad]
+# By default, a scene continues after the ground motion for at least this many periods of the slowest
+# oscillator.
 PERIODS = 5
 
 
 def end_with_oscillators(podium: Podium, excitation: AbstractExcitation, longest: Any) -> Any:
     """Return the default end of a scene with oscillators on its floors [s].
 
-    This is the default end of `simulate`, or the end of the ground motion plus `PERIODS` times the `longest`
-    period [s] if that is later.
+    This is the later one of the default end of `simulate` and of the end of the ground motion plus `PERIODS`
+    times the `longest` period of an oscillator [s].
     """
     return jnp.maximum(default_end(podium.resolved(), excitation), excitation.support[1] + PERIODS * longest)
 
@@ -48,7 +49,7 @@ class FloorCourse(NamedTuple):
     - `accelerations`: absolute accelerations at the `NODES` of each step [m/s²]
     - `jumps`: velocity jumps at the nodes of the history [m/s]
     - `end`: time of the last node [s]
-    - `ending`: bounds of the motion after the end; no bounds if the podium overturns
+    - `ending`: quantities that bound the motion after the end; without a bound if the podium overturned
     """
 
     times: Float[Array, " n"]
@@ -75,7 +76,7 @@ def course_of(scene: history.Solved, has_fallen: Array) -> FloorCourse:
     times = jnp.where(is_used, nodes.event_time, last)
     starts = jax.lax.stop_gradient(jnp.where(is_used, nodes.t, last))
     lengths = jnp.append(jnp.diff(starts), 0.0)
-    # The motion at the `NODES` of every step, then just before the impacts.
+    # The motion is evaluated at the `NODES` of every step, and just before the impacts.
     is_impact = jnp.isfinite(nodes.impact_time) & is_used
     t = starts[:, None] + lengths[:, None] * (0.5 + 0.5 * jnp.asarray(NODES))[None, :]
     left = jnp.broadcast_to(NODES[-1] == NODES, t.shape)
@@ -89,8 +90,8 @@ def course_of(scene: history.Solved, has_fallen: Array) -> FloorCourse:
     accelerations = motion.accelerations[: t.size].reshape(*t.shape, -1)
     speed, vertical_velocity = motion.velocity[t.size :, -1], motion.vertical_velocity[t.size :]
     # An impact multiplies the horizontal velocity of the beam by e and the vertical velocity by −e, (L3). The
-    # velocities of modes do not jump. The impact that ends rocking is treated in the same way, as the first
-    # of infinitely many impacts.
+    # velocities of modes do not jump. The impact that ends rocking is treated like the others, because in the
+    # model infinitely many smaller impacts follow it.
     e = jnp.maximum(scene[0].restitution_factor, 0.0)
     of_modes = jnp.zeros((rows.size, accelerations.shape[-1] - 2))
     of_beam = jnp.stack([(1 - e) * -speed, (1 + e) * -vertical_velocity], axis=-1)

@@ -22,8 +22,8 @@ class Ending(NamedTuple):
 
     - `rests`: whether the columns rest for good and the ground motion has ended
     - `modes`: bound on ∫|ü_i + ü_g| dt of each mode after the end [m/s]; inf for a mode without damping
-    - `speed`: |u̇_b| of a rigid podium that rocks freely [m/s]; inf if there is no bound
-    - `impact_speed`: bound on |u̇_b| before the next impact of this podium [m/s]; inf if there is no bound
+    - `speed`: |u̇_b| of a rigid podium at the end, if it rocks freely from then on [m/s]; otherwise inf
+    - `impact_speed`: bound on |u̇_b| before the next impact of this podium [m/s]; otherwise inf
     - `restitution`: restitution factor e, clipped to [0, 1]
     """
 
@@ -57,7 +57,7 @@ def ending(scene: history.Solved, t) -> Ending:
         integrals = jnp.atleast_1d(jnp.where(z > 0, integrals, 0.0))
         return Ending(is_over & (sigma == 0) & stays, integrals, inf, inf, e)
     speed = jnp.abs(beam(c, sigma, x[0], v[0])[1])
-    # The speed |θ̇| at an impact if no energy is lost before it, ν of (L17).
+    # The speed |θ̇⁻| of the next impact if no energy is lost before it, ν of (L17).
     nu = jnp.sqrt(v[0] ** 2 + 2 * potential(c, sigma, x[0]) * c.gravity / (c.weight * c.inertia))
     has_bound = is_over & (c.restraint is None) & (c.sin_alpha < c.cos_alpha)
     no_modes = jnp.zeros((0,), t.dtype)
@@ -93,8 +93,8 @@ def bound_after_end(ending: Ending, weights: Any, damping: Any, is_vertical: boo
 
 
 def ratio_after_end(later: Any, largest: Any) -> Any:
-    """Return `later`, a bound of later displacements, divided by `largest`, the largest so far; inf if only
-    `largest` is zero, and 0 if both are zero. The arguments may be traced."""
+    """Return later/largest: the bound of later displacements divided by the largest displacement so far. The
+    result is inf if only `largest` is zero, and 0 if both are zero. The arguments may be traced."""
     xp = array_module(later, largest)
     ratio = later / xp.where(largest > 0, largest, 1.0)
     return xp.where(largest > 0, ratio, xp.where(later > 0, xp.inf, 0.0))

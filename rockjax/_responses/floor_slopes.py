@@ -152,8 +152,8 @@ def motions_with_slopes(
     breakpoints = np.asarray(solution.breakpoints)
     is_finite = np.isfinite(breakpoints)
     is_impact = np.isfinite(np.asarray(solution.nodes.impact_time))
-    # Only pieces that begin at the start of the ground motion, a breakpoint or an impact have starts that
-    # depend on the parameters.
+    # The start of a piece depends on the parameters only if it is the start of the ground motion, a
+    # breakpoint or an impact.
     for times, slope in (
         (np.atleast_1d(np.asarray(solution.start)), start[:, None]),
         (breakpoints[is_finite], breaks[:, is_finite]),
@@ -201,9 +201,9 @@ def slope_of_load(
     - `weights`, `change`: weights W_i of the floor and their derivatives, shape (modes,)
     - `direction`: "horizontal" or "vertical"
 
-    At an event, t' and Δv' are the derivatives of its time and its velocity jump. The derivatives, at a fixed
-    time, of the velocities just before and just after the event differ by Δv' + (a⁻ − a⁺ + jump of ü_g) t'.
-    The velocity jump (a⁻ − a⁺) t' + Δv' in (L8) is this difference minus the jump of ü_g times t'.
+    Let t' and Δv' be the derivatives of the time of an event and of its velocity jump. The derivatives of the
+    velocities just before and just after the event, at a fixed time, differ by Δv' + (a⁻ − a⁺ + jump of ü_g)
+    t'. The velocity jump Δv' + (a⁻ − a⁺) t' in (L8) is this difference minus the jump of ü_g times t'.
     """
     row = in_direction(with_beam(weights), direction)
     row_slope = in_direction(np.append(change, -change.sum()), direction)

@@ -1,4 +1,4 @@
-"""The motion between the nodes of a history, and the balance of energy along the history."""
+"""The motion between the nodes of a history (its accepted steps), and the balance of energy along it."""
 
 from __future__ import annotations
 
@@ -195,8 +195,8 @@ def balance(scene: Solved, t, left):
     podium, excitation, nodes, end, method, rtol = scene
     c, nodes = constants(podium, excitation, rtol), jax.tree.map(jnp.asarray, nodes)
     size = nodes.t.shape[0]
-    # All steps between nodes, and the partial steps from the nodes before t to t. The last node and unused
-    # nodes start steps of length zero.
+    # The powers are integrated over all steps between nodes, and over the partial steps from the nodes before
+    # t to t. Steps from the last node and from unused nodes have the length zero.
     indices = jnp.arange(size, dtype=nodes.used.dtype)
     k = jnp.where(indices < nodes.used, indices, 0)
     is_last = k + 1 >= nodes.used
@@ -213,7 +213,7 @@ def balance(scene: Solved, t, left):
         dampers = () if c.restraint is None else (damper_power(c, c.restraint, sigma, x, v),)
         return instant, (*power(c, *instant), *dampers, energy(c, sigma, x, v))
 
-    # One vectorised step serves all points, because compilation takes most of the time.
+    # One vectorised step serves all points, because compiling it takes most of the time.
     abscissae, weights = np.polynomial.legendre.leggauss(POINTS)
     fractions = jnp.asarray(np.append(0.5 + 0.5 * abscissae, 1.0), t.dtype)
     instants, (*powers, energies) = jax.vmap(

@@ -38,16 +38,16 @@ from .floor_end import bound_after_end, ratio_after_end
 
 BOTTOM = 0  # index of the bottom joint, between a block and the floor
 UNREACHABLE = 1e300  # rest velocity so large that no velocity jump of the floor starts rocking
-OSCILLATOR_ATOL = 1e-4  # factor on `atol` for oscillators, because short periods have small displacements
+OSCILLATOR_ATOL = 1e-4  # factor on `atol` for oscillators; short periods have small displacements
 
 
 @dataclasses.dataclass(frozen=True)
 class JoltFriction(AbstractOutput):
-    """The largest friction demand of a block at velocity jumps of the floor, (L15). Jumps below the rest
-    velocity do not count.
+    """The largest friction demand of a block at velocity jumps of the floor, (L15). Jumps smaller than 2R
+    times the rest velocity of the block do not count.
 
-    The accumulator is the impulse with the largest angle from the vertical. The note is 1 if a jump started
-    the block, else 0.
+    The accumulator (the value so far) is the impulse with the largest angle from the vertical. The note is 1
+    if a jump started the block, else 0.
     """
 
     name = "jolt_friction"
@@ -68,7 +68,7 @@ class JoltFriction(AbstractOutput):
         velocity_from_rotation = jnp.where(jolt.sigma == 0, 0.0, 0.5 * c.two_R * jolt.change[0])
         horizontal = jump.horizontal + velocity_from_rotation * cos
         impulse = Force(jnp.abs(horizontal), jump.vertical + velocity_from_rotation * s)
-        # Smaller jumps do not count: their direction depends on how the structure comes to rest.
+        # The direction of smaller jumps depends on details of how the structure comes to rest.
         size = jnp.abs(jump.horizontal) + jnp.abs(jump.vertical)
         counts = end.accepted & (size > c.two_R * end.step.scene.rest_speed)
         started = end.accepted & jolt.lifts & ~state.uplifted
@@ -128,7 +128,7 @@ def _vibrate(
     omega, zeta = 2 * jnp.pi / oscillator.period, oscillator.damping
     mode_weights, is_vertical = weights[0, :-2], oscillator.direction == "vertical"
     remaining_impulse = bound_after_end(course.ending, mode_weights, zeta, is_vertical)
-    # On a floor that rests for good, the next turning point of the free vibration counts as well.
+    # If the floor rests for good, the next turning point of the free vibration counts as well.
     rests = course.ending.rests & (remaining_impulse == 0)
     at_next_turn = next_turns(oscillator.period, zeta, x[1], rate[1])
     so_far = floats["peak_deformation"], g * floats["peak_shear"]
@@ -226,9 +226,9 @@ def _weights_of(podium: Podium, system: Any) -> Values:
 
 
 def _stackable(system: Any) -> Any:
-    """Return the system with its static fields set to common values, so that systems of one class have the
-    same tree structure and can be stacked. `level` and `vertical` become constants, since the weights contain
-    their effect; a restitution factor replaces a restitution law."""
+    """Return the system in a form that can be stacked with others of its class: all static fields have common
+    values. `level` and `vertical` become constants, because the weights contain their effect; a factor
+    replaces a law of restitution."""
     system = dataclasses.replace(system, level=DECK)
     if isinstance(system, Contents):
         e = GivenRestitution(system.block(jnp.ones(())).restitution_factor)

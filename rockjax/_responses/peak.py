@@ -71,9 +71,10 @@ class AbstractPeak(Module):
     - `exceeded_alpha`: |θ| reached α; `overturned`: |θ| reached `overturn_ratio`·α, at `overturn_time` [s]
       (NaN if not)
     - `uplifted`: the columns left full contact, first at `uplift_time` [s] (NaN if not)
-    - `impacts`: number of impacts until rest, overturning or `t_end`; NaN if the scene ended earlier because
-      all requested outputs were final (request `"impacts"`, or compute a history). Without this request a
-      rigid podium skips its last bounces before rest and counts them by a formula, to within one or two
+    - `impacts`: number of impacts until rest, overturning or `t_end`; NaN if the scene did not finish, or
+      ended earlier because all requested outputs were final (request `"impacts"`, or compute a history).
+      Unless `"impacts"` is requested, a rigid podium skips its last bounces before rest, and a formula gives
+      their number to within one or two
     - `peak_deformation`: max|u_t − u_b| [m], 0 if the superstructure is not elastic; if there are several
       modes, they are along the last axis
     - `peak_shear`: max|V_s|/(m_t g) at the base of the superstructure [–], 0 if there is none. Like
@@ -123,8 +124,9 @@ class AbstractPeak(Module):
 
     @property
     def joints_closed(self) -> Bool[Array, "*batch"]:
-        """True if no joint would open and the beam would lift off no column at an impact, as far as the
-        requested ones of the outputs `"axial_force"`, `"impact_friction"` and `"peak_friction"` show."""
+        """True if no joint would open, and the beam would not lift off a column at an impact, according to
+        the outputs `"axial_force"`, `"impact_friction"` and `"peak_friction"`. Outputs that were not
+        requested are ignored."""
         is_closed = jnp.ones(jnp.shape(self.overturned), bool)
         for name in ("least_axial_force", "least_impulse_share"):
             values = self.values.get(name)
@@ -197,8 +199,9 @@ def peak_fields(floats, integers, options: Options, *, throw: bool = False, hist
 def _impacts(floats, integers, options: Options, history: bool):
     """Return the number of impacts, or NaN if the scene ended before this number was final.
 
-    In a settled scene the number is final if it was requested or the scene has a history. It is also final
-    (zero) if the columns never lifted and rotation or margin, which an uplift would change, were requested.
+    In a scene that ended because all outputs were final, the number is final if it was requested or the scene
+    has a history. It is also final (zero) if the columns never lifted, and the rotation or the margin, which
+    an uplift would change, was requested.
     """
     answers = integers["code"], integers["impacts"], integers["uplifted"]
     is_traced, is_jax = any(isinstance(y, Tracer) for y in answers), isinstance(answers[1], jax.Array)

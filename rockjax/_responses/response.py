@@ -64,9 +64,8 @@ class Response(AbstractPeak):
 
     `response(t)` returns the state at any times of the scene with the accuracy of the solution, by one step
     of the method from the preceding node. At the time of an impact it returns the state after the impact, or
-    with `left=True` the state before. All methods return NaN for times before the start or after the end of
-    the scene. If the scene of a rigid podium has settled, the podium stays at rest, and the history has no
-    end.
+    with `left=True` the state before. Methods that take times return NaN before the start and after the
+    end of the scene. If a rigid podium has come to rest for good, the history has no end.
 
     - `impact_times`: times of the impacts [s], ascending; padded with NaN under `jit`
     - `times`: times of the nodes (the accepted steps) [s]; padded with inf under `jit`
@@ -86,8 +85,8 @@ class Response(AbstractPeak):
 
     @property
     def span(self) -> tuple[float, float]:
-        """Start and end of the part to plot [s]. This part includes the whole ground motion even if a
-        rigid podium comes to rest earlier."""
+        """Start and end of the part to plot [s]. It includes the whole ground motion even if a rigid podium
+        comes to rest earlier."""
         start, end = float(np.asarray(self.times)[0]), float(self.stats.end_time)
         if not self.podium.vibrates and bool(self.result == RESULTS.settled):
             end = max(end, float(self.excitation.support[1]))
@@ -130,7 +129,7 @@ class Response(AbstractPeak):
             raise ValueError(f"Response.{name}: the superstructure must be an elastic ShearBuilding")
 
     def _over_modes(self, values: Array) -> Array:
-        """Add the axis of modes if the superstructure has one but was solved as a single oscillator."""
+        """Add the axis of modes if the superstructure has this axis but was solved as a single oscillator."""
         top = self.podium.superstructure
         is_missing = top is not None and top.has_mode_axis and not top.resolved().has_mode_axis
         return values[..., None] if is_missing else values

@@ -31,9 +31,8 @@ class Sensitivities(Module):
 
     - `parameters`: names of the parameters, in the order of the last axis of the following arrays
     - `peak_rotation` [–], `peak_deformation` [m], `peak_shear` [–], `margin` [–], …: y ∂(…)/∂y of the answer
-      of this name. The attribute is None if the answer was not requested or does not exist; derivatives with
-      respect to parameters of value zero are zero. Axes of modes, stories and joints precede the axis of
-      parameters
+      of this name; None if the answer was not requested or does not exist. Derivatives with respect to
+      parameters of value zero are zero. Axes of modes, stories and joints precede the axis of parameters
     - `values`: these derivatives by name
     """
 

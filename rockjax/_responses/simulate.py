@@ -81,13 +81,13 @@ def simulate(
       under `jit` the history has a capacity of `options.history` steps, otherwise it grows as needed
 
     Peaks and estimated errors equal those of `peak_response` within the tolerance, unless rocking is chaotic,
-    which the output `"errors"` detects. `impacts` is the number up to the end of the history; in
+    which the output `"errors"` detects. `impacts` counts all impacts up to the end of the history; in
     `peak_response` it may be NaN or approximate unless requested. Raises the same exceptions as
     `peak_response`.
     """
     arguments = _arguments("simulate", podium, excitation, initial, t_end, options)
     (motion,) = excitation if isinstance(excitation, Motions) else (excitation,)
-    # Every capacity needs its own program, so start with one that few scenes exceed.
+    # Every capacity needs its own program, so the first capacity is one that few scenes exceed.
     largest_capacity = options.max_steps + 2
     is_concrete = not any(isinstance(y, Tracer) for y in jax.tree.leaves(arguments))
     capacity = min(max(options.history, CAPACITY), largest_capacity) if is_concrete else options.history

@@ -29,7 +29,7 @@ from rockjax._structures import Podium
 from .sensitivities import scalar_fields, with_scalars
 
 _HINTS = {"restitution": "; it can vary only if it is a factor, such as restitution=0.9"}
-_RATIOS = tuple(name for name, parameter in MOTION.items() if parameter.instead_of)  # replace a_p or T_p
+_RATIOS = tuple(name for name, parameter in MOTION.items() if parameter.instead_of)  # instead of a_p or T_p
 
 
 def labelled_motion(

@@ -69,8 +69,8 @@ def restoring_moment(c: Coefficients, sigma: Value, ground: Value | Shaking, x: 
 
     In full contact the moment balances the demand: −q/q_up, Eq. (9). While rocking, the vertical forces of
     the foundation act at the edges and carry the weights and the vertical inertia forces: (sin ψ/sin α)[1 +
-    (2γ+2η+½)/(2γ+2η+1) v̈_b/g] with v̈_b of Eq. (15), as the centres of the columns rise half as fast as the
-    beam. At uplift both expressions equal σ, since v̈_b = 0. Restrainers add forces times lever arms, (C22).
+    (2γ+2η+½)/(2γ+2η+1) v̈_b/g] with v̈_b of Eq. (15), because the centres of the columns rise half as fast as
+    the beam. At uplift v̈_b = 0, and both expressions equal σ. Restrainers add forces times lever arms, (C22).
     """
     s, _ = sincos(sigma * c.alpha - x[0])
     theta_ddot = acceleration(c, sigma, ground, x, v)[0]

@@ -26,11 +26,12 @@ from rockjax._types import Number, Value
 class AbstractRestrainer(Module):
     """A device on each column.
 
-    A subclass overrides the private methods of its effects, such as `_force`. In private methods,
-    stretch and stretch rate belong to the joints that the device spans; in public methods, to both joints.
+    A subclass overrides the private methods of its effects, such as `_force`. In private methods, stretch and
+    stretch rate are those of the device. In public methods they are those of both joints together, even if
+    the device spans only one.
     """
 
-    # Names of the fields that are strengths: if all strengths are zero, the device does nothing.
+    # Names of the fields that are strengths. If all of them are zero, the device does nothing.
     strength_fields: ClassVar[tuple[str, ...]] = ()
 
     @property
@@ -94,8 +95,8 @@ class AbstractRestrainer(Module):
         return 0.5 if self.joints == 1 else 1.0
 
     def force(self, stretch: Value, rate: Value, slip: Value) -> Value | float:
-        """Return the force of the equivalent device, which spans both joints and does the same work, divided
-        by m_c g; `stretch`, `rate` and `slip` refer to both joints."""
+        """Return the force of the equivalent device that spans both joints and does the same work, divided by
+        m_c g; `stretch`, `rate` and `slip` refer to both joints."""
         return self.elongation_ratio * self._force(
             self.elongation_ratio * stretch, self.elongation_ratio * rate, self.elongation_ratio * slip
         )
@@ -114,7 +115,7 @@ class AbstractRestrainer(Module):
 
     @property
     def has_static_force(self) -> bool:
-        """True if the class defines `_potential`, and thus a static force, even if its strengths are zero."""
+        """True if the class defines `_potential`, and thus a static force, even if the strengths are zero."""
         return type(self)._potential is not AbstractRestrainer._potential
 
     @property

@@ -16,11 +16,12 @@ from rockjax._types import Number
 from . import KINDS
 from .base import AbstractRestrainer
 
-NEWTON_STEPS = 40  # number of steps in the search for the stability angle; fewer would do
+NEWTON_STEPS = 40  # number of steps in the search for the stability angle, more than enough
 
 
 def as_restrainers(value) -> tuple[AbstractRestrainer, ...]:
-    """Convert the argument `Podium.restrainers` to a tuple."""
+    """Convert the argument `Podium.restrainers` to a tuple. Raises `ValueError` unless it is a tuple or
+    list."""
     if value is None or isinstance(value, AbstractRestrainer) or not isinstance(value, tuple | list):
         raise ValueError(
             f"Podium: restrainers must be a tuple of {', '.join(KINDS)}, got {format_value(value)}"
@@ -41,7 +42,7 @@ def check_restrainers(value: tuple) -> None:
 def devices_by_joints(
     restrainers: Sequence[AbstractRestrainer],
 ) -> tuple[list[AbstractRestrainer], list[AbstractRestrainer]]:
-    """Return the devices that span both joints of a column, and the devices that span only the bottom
+    """Return two lists: the devices that span both joints of a column, and those that span only the bottom
     joint."""
     return [y for y in restrainers if y.joints == 2], [y for y in restrainers if y.joints == 1]
 

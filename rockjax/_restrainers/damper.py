@@ -15,7 +15,8 @@ from .base import AbstractRestrainer
 
 
 class Linear(float):
-    """The exponent 1 as a static value, so that the program of a linear damper computes no powers."""
+    """The exponent 1 as a static value (known before tracing): programs of linear dampers compute no
+    powers."""
 
     def __new__(cls) -> Linear:
         return super().__new__(cls, 1.0)

@@ -48,7 +48,8 @@ def modal_analysis(masses: Array, stiffnesses: Array) -> ModalAnalysis:
     coupling = (-stiffness_above / neighbour_masses)[..., None] * np.eye(size, k=1)
     _, vectors = eigh(diagonal + coupling + xp.swapaxes(coupling, -1, -2))
     shapes = vectors / root_masses[..., None]  # normalised to modal masses M_i = 1
-    # ω² as a sum over stories has no cancellation, so the lowest ω² is as accurate as the highest.
+    # ω² is computed as a sum over stories, without cancellation, so the lowest ω² is as accurate as the
+    # highest.
     drifts = xp.concatenate([shapes[..., :1, :], shapes[..., 1:, :] - shapes[..., :-1, :]], axis=-2)
     squares = xp.sum(stiffnesses[..., None] * drifts**2, axis=-2)
     participation = xp.sum(masses[..., None] * shapes, axis=-2)  # Γ_i
@@ -65,7 +66,7 @@ class ShearBuilding(AbstractSuperstructure):
       the beam, and `peak_shear` and `peak_floor_acceleration` omit the impulses of this mass at impacts
     - `heights`: heights of the stories, > 0 [m], for forces in the joints, drift ratios and pictures; None if
       unknown
-    - `retained`: the number `modes` as a field, for `dataclasses.replace`
+    - `retained`: the same number as `modes`, for `dataclasses.replace`
 
     [`rockjax.ShearBuilding.modes`][] returns the retained modes. Peaks and histories include story drifts
     and floor accelerations. Raises `ValueError` for unequal lengths and for concrete values outside these

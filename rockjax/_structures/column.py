@@ -9,7 +9,7 @@ from rockjax._checks import array_module, concrete, require, require_not_negativ
 from rockjax._types import Number
 from rockjax._unit_warnings import warn_about_units
 
-LARGEST_R = 100.0  # [m], larger than any plausible column
+LARGEST_R = 100.0  # half diagonal that no real column exceeds [m]
 DENSITIES = 300.0, 8000.0  # plausible range [kg/m³], from light timber or a hollow section to steel
 
 
@@ -54,8 +54,8 @@ def slenderness_and_size(width: Number, height: Number) -> tuple[Number, Number]
 
 
 def enlargement(owner: str, radius: Number, height: Number) -> Number:
-    """Return H/(H − r_c) = R_e/R, where R_e belongs to the podium with flat column ends that is equivalent to
-    a podium with round ends and R, (R5).
+    """Return the factor H/(H − r_c) on R, with which a podium with flat column ends is equivalent to a podium
+    with round ends, (R5).
 
     - `owner`: name for error messages
     - `radius`: radius r_c of the round ends of a column, in [0, H) [m]

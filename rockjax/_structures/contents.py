@@ -1,4 +1,4 @@
-"""Light blocks and oscillators on the floors of a structure, which do not affect the structure's motion."""
+"""Light blocks and oscillators on the floors of a structure. They do not affect the structure's motion."""
 
 from __future__ import annotations
 
@@ -40,7 +40,8 @@ def _convert_restitution(value) -> Restitution:
 
 
 class Contents(Module):
-    """A light free-standing block on a floor, such as a cabinet: it rocks, and neither slides nor bounces.
+    """A light free-standing block on a floor, such as a cabinet. It rocks; it does not slide or leave the
+    floor.
 
     - `alpha`: slenderness α_c = atan(width/height), 0 < α_c < π/2 [rad]
     - `R`: half diagonal R_c, > 0 [m]

@@ -31,7 +31,7 @@ class Elevation(Module):
 
     - `columns`: positions x_i of the N ≥ 2 columns along the direction of motion [m], along the last axis.
       Columns in one line across the plane of motion have equal positions. The centres of all masses are
-      above the mean position
+      assumed to be above the mean position
     - `beam_depth`: depth D of the beam, ≥ 0 [m]; its mass is at D/2
     - `top_height`: height above the top of the beam [m]. [`rockjax.Elastic`][] and [`rockjax.Rigid`][] need
       the height of their mass, [`rockjax.Modes`][] one height for each mode (negative for some higher modes),
@@ -48,8 +48,8 @@ class Elevation(Module):
     beam_depth: Number
     top_height: Any  # a scalar, or a row over modes or floors
     residual_height: Number
-    # Columns with round ends are modelled by taller columns with flat ends; this is the distance by which
-    # each top is higher [m]. None for flat ends.
+    # Distance by which the top of a column of the model is higher than in reality [m], because taller columns
+    # with flat ends replace columns with round ends. None for flat ends.
     _raised: Number | None = None
 
     def __init__(
@@ -109,7 +109,7 @@ class Elevation(Module):
             return
         class_name, height = type(superstructure).__name__, self.top_height
         if superstructure.own_heights is not None:
-            given = concrete(height)  # None inside jit, where it was checked before
+            given = concrete(height)  # None inside jit, after a check outside
             if given is not None and np.any(given):
                 raise ValueError(
                     f"Podium: the {class_name} has its own heights; give either these or elevation.top_height"

@@ -14,8 +14,8 @@ from .superstructures import AbstractSuperstructure, Elastic, Oscillators
 
 ROUNDING = 1e-9  # fraction by which the sum of modal masses may exceed the total mass
 
-# Values for modes, stories or columns along the last axis of an array. In structures that `split_rows`
-# returns, a row is a tuple of its elements.
+# An array with values for modes, stories or columns along the last axis. In structures that `split_rows`
+# returns, a row is a tuple of its elements instead.
 Row = Array
 
 

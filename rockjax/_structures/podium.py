@@ -179,10 +179,10 @@ class Podium(Module):
           [m]; cannot be combined with tendons, dampers and inerters
 
         With round ends the result is an approximately equivalent podium with flat ends and the same α, (R5).
-        Its `R`, `width` and `height` are multiplied by H/(H − r_c), its rotations by (H − r_c)/H. For
-        tan α = 0.15 and r_c = H/2, peaks of u_b up to half of u_b at overturning are up to 0.65 % too small,
-        and overturning amplitudes 1.3 % too large; for r_c = 0.8 H the errors are 3.4 % and 15 %. The page on
-        forces in the joints, section "Round column ends", explains the results.
+        Its `R`, `width` and `height` are multiplied by H/(H − r_c), its rotations by (H − r_c)/H. For tan α =
+        0.15 and r_c = H/2, peaks of u_b up to half of u_b at overturning are up to 0.65 % too small, and
+        overturning amplitudes 1.3 % too large; for r_c = 0.8 H these errors are 3.4 % and 15 %. The section
+        "Round column ends" on the page on forces in the joints explains them.
 
         Tendons, dampers and inerters act between the ground and the beam. A device is omitted if its
         parameters, not counting the exponent, are the Python number 0.
@@ -347,8 +347,8 @@ class Podium(Module):
         """ξ_J, the position of the impulses of an impact divided by half the width of a column [–], (F13).
 
         It is 1 if all impulses act at the new contact edges, as with `"compatible"`, or with `"paper"` and no
-        elastic superstructure. It is less than 1 if impulses also act at the old edges. Values
-        above 1 would need tensile impulses at the old edges, which rigid faces cannot transmit.
+        elastic superstructure. It is less than 1 if impulses also act at the old edges. A value above 1 would
+        need tensile impulses at the old edges, which rigid faces cannot transmit.
         """
         gamma, eta = self.mass_ratios
         sin2, (bottom, top) = jnp.sin(self.alpha) ** 2, self.inertances
@@ -488,8 +488,7 @@ class Podium(Module):
 
     def split_rows(self) -> Podium:
         """Return the podium with each array over columns, modes or stories split into a tuple of its
-        elements, so that
-        every leaf has one value per podium of a batch."""
+        elements, so that every leaf has one value per podium of a batch."""
         superstructure, elevation = self.superstructure, self.elevation
         if isinstance(elevation, Elevation):
             elevation = elevation.split_rows(superstructure)
@@ -501,7 +500,7 @@ class Podium(Module):
         return self.split_rows()
 
     def without_idle_restrainers(self) -> Podium:
-        """Return the podium without restrainers of zero strength, which would only cost time."""
+        """Return the podium without restrainers of zero strength, which have no effect but cost time."""
         active = tuple(restrainer for restrainer in self.restrainers if not restrainer.has_no_strength)
         if len(active) == len(self.restrainers):
             return self
@@ -527,7 +526,7 @@ class Podium(Module):
         return with_fields(self, {"superstructure": superstructure, "elevation": elevation})
 
     def replace(self, **changes) -> Podium:
-        """Return a variant with some fields changed, like `dataclasses.replace`."""
+        """Return a podium with some fields changed, like `dataclasses.replace`."""
         return dataclasses.replace(self, **changes)
 
     def __repr__(self):

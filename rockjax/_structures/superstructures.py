@@ -1,7 +1,7 @@
 """Superstructures on the podium: the base class, `Rigid`, `Elastic`, and `Oscillators` for the engine.
 
-To the engine a superstructure is a set of oscillators in parallel on the beam, and a mass that moves with the
-beam. Properties marked as static are known before tracing, and select the program.
+For the engine a superstructure consists of oscillators in parallel on the beam, and of a mass that moves with
+the beam. Properties marked as static are known before tracing, and determine which program is compiled.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ import rockjax as rj
 from rockjax import _results as results
 from rockjax._engine import bounds, model
 from rockjax._engine.coefficients import coefficients
-from rockjax._engine.energy import vertical_impulse
+from rockjax._engine.energy import vertical_impulse_weight
 from rockjax._excitations.base import Shaking
 from rockjax._excitations.ground import GroundMotion, check_weight
 from rockjax._responses.work import restoring_moment
@@ -51,7 +51,7 @@ def test_uplift_and_the_bound_of_energy():
     assert float(model.uplift_demand(c, ground, none, none)) == pytest.approx(float(c.uplift), rel=1e-13)
     c = coefficients(rj.Podium(**S, superstructure=ELASTIC), vertical=True)
     assert float(c.impulse_factor) == pytest.approx(4.509398786906614, rel=1e-14)
-    vertical = c.impulse_factor * vertical_impulse(c, c.sin_alpha)
+    vertical = c.impulse_factor * vertical_impulse_weight(c, c.sin_alpha)
     assert float(vertical) == pytest.approx(1.290150147295639, rel=1e-14)
 
 
@@ -270,7 +270,7 @@ def test_a_scene_without_vertical_motion_does_not_look_at_it(monkeypatch):
         raise AssertionError("vertical motion was looked at")
 
     monkeypatch.setattr(model, "_threshold_ratio", never)
-    monkeypatch.setattr(bounds, "vertical_impulse", never)
+    monkeypatch.setattr(bounds, "vertical_impulse_weight", never)
     for name in ("parts", "tie"):
         monkeypatch.setattr(GroundMotion, name, never)
     from rockjax._engine.solve import _solve

@@ -1,9 +1,8 @@
 """Fast-forwards: parts of a scene that are skipped without trial steps.
 
-Each module contains one fast-forward, which calls the method `over_rest`, `over_sample` or `over_bounces` of
-every output in the plan. The method returns the accumulator of the output (its value so far) after the
-skipped part, or whether the accumulator stays the same. A fast-forward may be used only if every output
-implements the method for it.
+Each module contains one fast-forward. It calls a method of every output in the plan: `over_rest` returns the
+accumulator of the output (its value so far) after the skipped part; `over_sample` and `over_bounces` return
+whether the accumulator stays the same. A fast-forward may be used only if every output implements its method.
 
 | name | module | skipped part |
 |---|---|---|

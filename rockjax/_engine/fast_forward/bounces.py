@@ -1,8 +1,8 @@
 """Detection of bounces that certainly end at rest, and can be skipped.
 
-A rigid column that hits the ground slowly bounces on in ever shorter hops. Each impact multiplies the speed
-by e, which bounds the time until rest. If the ground motion cannot lift the column before that time, and no
-hop exceeds the peak so far, the bounces are skipped: the column is put to rest at the first impact.
+A rigid column that hits the ground slowly continues in ever shorter hops. Each impact multiplies the speed by
+e, which bounds the time until rest. If the ground motion cannot lift the column before that time, and no hop
+can change an output, the bounces are skipped: the column is put to rest at the first impact.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Skipped(NamedTuple):
 
     to_rest: Flag  # the bounces are skipped, and the columns rest
     impacts: Index  # number of skipped impacts
-    min_impact_speed: Value  # least |θ̇| before the present and the skipped impacts [rad/s]
+    min_impact_speed: Value  # least |θ̇⁻| of the present and the skipped impacts [rad/s]
 
 
 def skipped_bounces(
@@ -71,8 +71,8 @@ def _bounces_to_rest(
     now: tuple[Value, Index, Value | Shaking],
     speed: Value,
 ) -> Flag | None:
-    """Return whether the columns certainly come to rest, with all hops below the peak so far. Return None
-    if the excitation has no bound over a time interval.
+    """Return whether the columns certainly come to rest without a change of any output. Return None if the
+    excitation has no bound over a time interval.
 
     - `scene`, `plan`, `state`, `now`: as in `skipped_bounces`
     - `speed`: |θ̇| after the impact [rad/s]

@@ -1,5 +1,5 @@
-"""Fast-forward through full contact of a rigid podium. Nothing moves before the next uplift, which is the
-next time at which the uplift demand exceeds the threshold."""
+"""Fast-forward through full contact of a rigid podium. Relative to the ground, nothing moves until the next
+uplift: the next time at which the uplift demand exceeds the threshold."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopS
         lifts, results.RUNNING, jnp.where(jnp.isinf(lifts_at), results.SETTLED, results.END_OF_TIME)
     )
     until = jnp.where(lifts, now, scene.end)
-    # If the ground acceleration jumps, the outputs during rest must not include the value after the jump.
+    # If the ground acceleration jumps at the uplift, outputs of the rest must not include the value after it.
     rounding = jnp.finfo(t.dtype).eps * (jnp.abs(stamp) + 1 / constant(c.p))
     rest = Rest(scene, state.event_time, until, jnp.where(lifts & jumps, rounding, 0.0))
     accumulators = tuple(

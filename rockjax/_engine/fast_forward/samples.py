@@ -2,8 +2,8 @@
 
 Under sampled ground motions, steps end on every sample and are far shorter than the tolerance requires.
 Between most samples rigid columns rock on, and no event occurs. A Nyström step without a search for events
-then replaces the trial, if the error of the step is small enough and the rotation is monotone, does not
-change its sign and stays below the overturning angle. All other samples get a trial.
+replaces the trial under three conditions. The error of the step is small enough. The rotation is monotone,
+does not change its sign and stays below the overturning angle. No output changes between the samples.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def may_skip_after(scene: Scene, mode: Value, t: Value) -> Flag:
 
 
 def skip_samples(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
-    """Skip samples until one needs a trial, and return the state there. Batches call `skip_sample`
+    """Return the state at the first sample after which a trial is needed. Batches call `skip_sample`
     instead."""
     if state.may_skip is None:
         return state
