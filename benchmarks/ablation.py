@@ -1,8 +1,9 @@
 """Ablation of optimisations: `python -m benchmarks.ablation [piece …]`.
 
 The benchmark switches off one optimisation ("piece") at a time in a separate process. It alternates timings
-between this process and a process with all pieces, and reports the ratio of the shortest times without and
-with the piece, and of CPU seconds of first calls, which compile. Run nothing else on the machine meanwhile.
+between this process and a process with all pieces. It reports the shortest time without the piece divided by
+the shortest time with it, and the same ratio of the CPU times of first calls, which compile. Run nothing else
+on the machine meanwhile.
 
 Writes `benchmarks/results/ablation.json`.
 """

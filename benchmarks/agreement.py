@@ -17,7 +17,7 @@ A difference that exceeds the limits gets one of these names:
 - flagged: the error estimate (`errors`) is of this size, or the scene is undecided
 - grazing: central differences do not settle, and an impact of the scene is nearly grazing
 - unsettled: central differences do not settle without such an impact, because another peak is close
-- converges: the error of a derivative is below 100 times the limit, and below the limit at all tighter
+- converges: the error of a derivative is below 100 times the limit, and below the limit at all smaller
   tolerances
 - FAULT: none of these
 """

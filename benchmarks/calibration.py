@@ -8,8 +8,9 @@ Scenes whose outcome differs from the reference are counted separately; their pe
 
 `intervals [trials]` counts how often confidence intervals of fragility curves contain the true value. It
 draws samples of capacities from a lognormal distribution, some of them censored. For each sample it computes
-a fit and 90 % intervals with the functions of `rockjax.fragility`. In samples of stripes, records may survive
-at levels above their capacity. Samples with fewer than two different capacities have no fit and do not count.
+a fit and 90 % intervals with the functions of `rockjax.fragility`. In samples of stripes (numbers of records
+that overturn at each level), records may survive at levels above their capacity. Samples with fewer than two
+different capacities have no fit and do not count.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """Comparison with other solvers on the same scenes in one run: `python -m benchmarks.compare`.
 
-Targets limit the 99th percentile of the error. For each target, each solver uses the largest tolerance that
-reaches it. SciPy, heyoka and the Diffrax version solve fewer, evenly spaced scenes, and their targets limit
-the largest error. Times per scene are of the fastest run. `pip install -e ".[bench]"` installs the peers.
+A target is a limit of the 99th percentile of the error. For each target, each solver uses the largest
+tolerance that reaches it. SciPy, heyoka and the Diffrax version solve fewer, evenly spaced scenes, and the
+target limits their largest error. Times per scene are those of the fastest run. `pip install -e ".[bench]"`
+installs the other solvers.
 """
 
 from __future__ import annotations

@@ -3,11 +3,11 @@
 `cost` compares the time of the value and the gradient with respect to five parameters with the time of the
 value alone. `modes` compares forward with reverse derivatives of many rigid and elastic scenes, batched by
 `jax.vmap`: under pulses with respect to every scalar parameter, and under records (about twenty times fewer
-scenes) with respect to all samples, where the two modes are separate computations. For samples, it compares
-the forward derivative along a random direction with the component of the reverse gradient in this direction,
-relative to the sum of |terms| of that component. Where they differ by more than `CLOSE`, it repeats the
-forward derivative with samples changed by a unit in the last place. `unexplained` counts differences that are
-more than ten times larger than the effect of this change.
+scenes) with respect to all samples. For samples, it compares the forward derivative along a random direction
+with the component of the reverse gradient in this direction, relative to the sum of |terms| of that
+component. Where they differ by more than `CLOSE`, it repeats the forward derivative with samples changed by a
+unit in the last place. `unexplained` counts differences that are more than ten times larger than the effect
+of this change.
 """
 
 from __future__ import annotations

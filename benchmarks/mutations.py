@@ -1,4 +1,4 @@
-"""Mutation test: which wrong signs, coefficients, powers and comparisons in the model do the tests notice?
+"""Mutation test: which wrong signs, coefficients, powers and comparisons in the model make a test fail?
 
     python -m benchmarks.mutations [WORD ...] [--list] [--every K] [--stages N] [--processes N]
 

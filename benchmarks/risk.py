@@ -109,8 +109,11 @@ def advance(minutes: float, names: list[str]) -> dict[str, dict[str, Any]]:
 
 
 def row(name: str, results: dict[str, Any]) -> dict[str, Any]:
-    """Return the row of a case. `said` is the mean reported coefficient of variation, `held` the share of
-    repetitions whose interval contains the counted probability."""
+    """Return the row of a case.
+
+    `cov` and `reported cov` are the observed and the mean reported coefficient of variation. `coverage` is
+    the share of repetitions whose interval contains the counted probability.
+    """
     runs = np.array(results.get("runs", [])).reshape(-1, 5)
     scenes, failures = results.get("batches", 0) * BATCH, results.get("failures", 0)
     sweep_rows = [row for row in stored_rows_if_any("risk-sweep") if row["case"] == name]
@@ -128,8 +131,8 @@ def row(name: str, results: dict[str, Any]) -> dict[str, Any]:
         "repetitions": len(runs),
         "mean": float(p.mean()),
         "cov": float(p.std(ddof=1) / p.mean()),
-        "said": float(np.mean(error / p)),
-        "held": float(np.mean((lower <= counted) & (counted <= upper))),
+        "reported cov": float(np.mean(error / p)),
+        "coverage": float(np.mean((lower <= counted) & (counted <= upper))),
         "scenes": float(cost.mean()),
     }
 

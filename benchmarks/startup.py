@@ -1,8 +1,8 @@
 """Time to the first answer of a process: `python -m benchmarks.startup [names of rows]`.
 
 A "first" process starts without stored programs. A "later" process of the same user finds them; its time is
-the shortest of several runs. The table has wall times, and CPU seconds of all threads of the process, which
-are reliable on a busy machine too. Both are also divided by J, the time of `import jax`. Rows named in the
+the shortest of several runs. The table has wall times, and CPU times of all threads of the process, which
+depend less on other processes. Both are also divided by J, the time of `import jax`. Rows named in the
 command replace stored rows.
 """
 

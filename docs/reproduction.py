@@ -335,10 +335,10 @@ def free_rocking() -> str:
 
 TEMPLATE = r"""# Reproduction
 
-This page compares published results with those of rockjax. `python docs/reproduction.py` computes the results of rockjax and writes
-the page. The tolerances are `rtol=1e-10` and `atol=1e-12` with the method `dopri8`; `rockjax.overturning_spectrum` has its default
-options. Symbols and equation numbers are those of the [model](model.md). Some results of the paper do not follow from its equations; this
-page names these results. No parameter of rockjax is adjusted to reach such results.
+This page compares published results with those of rockjax. `python docs/reproduction.py` computes the results of rockjax and writes the
+page. The tolerances are `rtol=1e-10` and `atol=1e-12` with the method `dopri8`; `rockjax.overturning_spectrum` has its default options.
+Symbols and equation numbers are those of the [model](model.md). Some results of the paper do not follow from its equations; this page names
+these results. No parameter of rockjax is adjusted to match them.
 
 ## The paper
 
@@ -355,18 +355,17 @@ the columns count twice and the top mass is missing. With $m_t$ in place of $m_c
 and an undeformed superstructure, the equation as printed gives @printed@ $g\tan\alpha$; with $m_t$ it gives @corrected@ $g\tan\alpha$.
 
 Eq. (24) shows which term is correct. At $\theta=\dot\theta=0$ the $\ddot\theta$ of (24) vanishes at the demand of (9), for each of three
-tested pairs of $u_t$ and $\dot u_t$. At the demand of (6) as printed, $\ddot\theta$ is $@theta_ddot@\,p^2$ for $\sigma=-1$. This acceleration
-presses the columns down, so they do not lift yet. rockjax uses (9).
+tested pairs of $u_t$ and $\dot u_t$. At the demand of (6) as printed, $\ddot\theta$ is $@theta_ddot@\,p^2$ for $\sigma=-1$. This
+acceleration presses the columns onto the ground, so they do not lift yet. rockjax uses (9).
 
 ### Eqs. (26) and (27): two different assumptions
 
 In Eq. (26) the top mass keeps its horizontal velocity through an impact. In Eq. (27) the top mass moves with the beam. The equations
 contradict each other unless $\eta=0$. The [model](model.md#impact) derives the restitution that is compatible with (26).
 
-A stiff superstructure shows the difference. A podium ($\gamma=10$, $\eta=100$, $\tan\alpha=0.15$, $R=1.5$ m, $\zeta=0.05$) is
-released from $\theta_0=\alpha/2$ with an undeformed superstructure. After the first impact the superstructure
-oscillates against the beam until damping stops it. The energy before the impact has then been multiplied by the square of an
-effective velocity factor, which is measured halfway to the second impact.
+A stiff superstructure shows the difference. A podium ($\gamma=10$, $\eta=100$, $\tan\alpha=0.15$, $R=1.5$ m, $\zeta=0.05$) is released from
+$\theta_0=\alpha/2$ with an undeformed superstructure. After the first impact the superstructure oscillates against the beam until damping
+stops it. The square of the effective velocity factor is the energy halfway to the second impact divided by the energy before the first.
 
 @ring_down@
 
@@ -383,11 +382,11 @@ The paper takes $T_s=0$, $\gamma=110$, $R=1.5$ m, $\tan\alpha=0.15$ and a symmet
 
 @readings@
 
-The equations of the paper do not lead to its numbers. With a pulse period of 0.80 s ($\omega_p/p=3.55$) they would lead to these
-numbers, to the printed digits. The change of the model that comes closest is to apply the factor of the equivalent block twice: $p^2$ is
-multiplied by $\left(\frac{1+2\gamma}{1+3\gamma}\right)^2$, so $R$ is divided by the factor once more. This change agrees less with the
-two numbers, but better with two other remarks of the section: that overturning needs about 0.9 g (6 times $g\tan\alpha$) or more for $3<\omega_p/p<4$, and that
-it is "essentially impossible" above $\omega_p/p=5$. The least overturning acceleration, searched up to 12 times $g\tan\alpha$, is:
+The equations of the paper do not lead to its numbers. With a pulse period of 0.80 s ($\omega_p/p=3.55$) they would lead to these numbers,
+to the printed digits. A possible explanation is that the factor of the equivalent block was applied twice: $p^2$ is then multiplied by
+$\left(\frac{1+2\gamma}{1+3\gamma}\right)^2$, as if $R$ were divided by the factor. This change agrees less with the two numbers, but better
+with two other remarks of the section: that overturning needs about 0.9 g (6 times $g\tan\alpha$) or more for $3<\omega_p/p<4$, and that it
+is "essentially impossible" above $\omega_p/p=5$. The least overturning acceleration, searched up to 12 times $g\tan\alpha$, is:
 
 @spectrum@
 

@@ -14,7 +14,7 @@
 # # First steps
 #
 # This notebook defines a podium by its dimensions and computes its response to a ground motion: the peak
-# response, the history with its pictures, and a rocking spectrum. The last sections are about units, results
+# response, the history with its pictures, and a rocking spectrum. The last sections are about units, errors
 # and options.
 #
 # A podium structure stands on free columns, which lift off at one edge and rock in a strong earthquake. If
@@ -107,8 +107,9 @@ figure = plots.response(data)
 # The strip under the rotation shows full contact and rocking to the left or right. Each impact dissipates
 # energy and makes the building sway.
 #
-# In the phase plane, impacts are jumps towards rest. The dashed curves are the separatrices of the rigid
-# frame. Outside these curves the frame would overturn even without further ground motion.
+# The next picture shows the rate against the rotation. Impacts are jumps towards zero rate. The dashed curves
+# bound the states from which a rigid frame returns to rest without further ground motion; outside them it
+# overturns.
 
 # %%
 ax = plots.phase_portrait(data)
@@ -121,8 +122,8 @@ ax = plots.phase_portrait(data)
 ax = plots.moment_rotation(data)
 
 # %% [markdown]
-# The energy input of the ground equals the energy of the structure plus the energy that impacts
-# and damping have dissipated.
+# The work of the ground equals the energy of the structure plus the energy that impacts and damping have
+# dissipated.
 
 # %%
 ax = plots.energy_balance(data)
@@ -131,8 +132,8 @@ ax = plots.energy_balance(data)
 # ## A spectrum
 #
 # A rocking spectrum is the peak rotation as a function of the ratios $\omega_p/p$ and $a_p/(g\tan\alpha)$ of
-# a pulse. The scenes are solved in one batch on all cores. Only the rotation is requested here, so nothing
-# else is computed.
+# a pulse. A scene is one structure under one ground motion; all scenes of the spectrum are solved in one
+# batch on all cores. Only the rotation is requested here, so nothing else is computed.
 
 # %%
 n = 12 if REDUCED else 80

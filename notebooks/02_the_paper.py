@@ -71,8 +71,8 @@ for panel, ax, podium in zip(spectra, axes.flat, podiums, strict=True):
 bar = plots.rotation_bar(axes)
 
 # %% [markdown]
-# Scenes that overturn are blank. Under most long pulses, podiums with a flexible building
-# overturn at lower amplitudes.
+# Scenes that overturn are blank. A flexible building changes the overturning amplitudes: it raises those
+# under short pulses.
 #
 # ## Least overturning acceleration: Fig. 7 of the paper
 
@@ -90,8 +90,8 @@ for row, (ax, ratio) in enumerate(zip(axes, ratios, strict=True)):
 legend = axes[0].legend()
 
 # %% [markdown]
-# The curves have steps because of the grid. `rockjax overturning` and the next notebook find
-# the exact boundaries.
+# The curves have steps because of the grid. `rockjax overturning` and the next notebook compute the
+# boundaries without a grid.
 #
 # ## First contradiction: Eq. (6) counts the columns twice
 #

@@ -14,7 +14,8 @@
 # # Spectra and boundaries
 #
 # When does a podium overturn? A rocking spectrum gives a first answer, on a grid. This notebook also computes
-# the exact boundary, the windows of survival above it, and the error of the results.
+# the least amplitude that overturns the podium, the windows of survival above it, and the errors of the
+# results.
 
 # %%
 import math
@@ -57,9 +58,10 @@ print(least.sel(frequency_ratio=3, method="nearest").item(), "± a step of", rou
 # %% [markdown]
 # ## The overturning margin
 #
-# Towards the boundary the peak rotation rises to 1 ever more steeply, and beyond the boundary it is 1. The
-# overturning margin passes through zero with a finite slope. The margin is the energy that is missing for
-# overturning at the most critical turning point, divided by the depth of the potential well. If it is
+# The *boundary* is the amplitude at which the outcome changes between survival and overturning. Towards the
+# boundary the peak rotation rises to 1 ever more steeply, and beyond the boundary it is 1. The overturning
+# margin passes through zero with a finite slope. If the podium survives, the margin is roughly the energy
+# that was missing for overturning, divided by the energy that overturns the podium from rest. If it is
 # negative, the podium overturns. [Overturning](../docs/overturning.md) has the definition.
 
 # %%
@@ -88,9 +90,8 @@ print(f"overturns from {least:.6f} m/s² = {least / unit:.6f} g tan α")
 # %% [markdown]
 # ## All boundaries against frequency
 #
-# Survival is not monotone: above the least overturning amplitude there are windows in which the podium
-# survives again, after another sequence of impacts. `overturning_spectrum` finds the boundaries. Windows of
-# survival are shaded.
+# Above the least overturning amplitude there are windows in which the podium survives again, after another
+# sequence of impacts. `overturning_spectrum` finds their boundaries. Windows of survival are shaded.
 
 # %%
 frequencies = np.linspace(1.2, 6, 7 if REDUCED else 121)
@@ -124,7 +125,8 @@ ax.grid(alpha=0.3)
 #
 # With `"errors"` each scene is solved a second time with a smaller tolerance, and the difference is an
 # estimate of the error. A scene is `undecided` if it is so close to a boundary that the error could change
-# the outcome. The following example has a very large tolerance, among the bands at $\omega_p/p=2$:
+# the outcome. The following example has a very large tolerance and amplitudes among the fifteen boundaries at
+# $\omega_p/p=2$:
 
 # %%
 n = 20 if REDUCED else 100

@@ -45,8 +45,7 @@ column.podium()
 # ## By hand
 #
 # Each slider varies a parameter of the structure or of the motion. The first response remains visible in
-# grey. A curve ends if the podium overturns. An update takes some hundredths of a second, most of it for the
-# picture.
+# grey. A curve ends if the podium overturns.
 
 # %%
 ranges = {"width": (0.2, 1.5), "beam_mass": (3e3, 300e3), "a_p": (0.5, 6.0), "T_p": (0.3, 2.0)}
@@ -88,8 +87,9 @@ answer = optimise.design(
 print(answer)
 
 # %% [markdown]
-# A target with a margin of 0 is active. Its shadow price is the decrease of the objective per
-# relative increase of the limit. Filled dots are designs that satisfy the targets; each line is a start.
+# A target with a margin of 0 is active. Its shadow price is the decrease of the objective per relative
+# increase of the limit. In the picture each line is a start, and filled dots are designs that satisfy the
+# targets.
 
 # %%
 ax = optimise.convergence(answer)

@@ -36,8 +36,8 @@ podium = rj.Podium.from_dimensions(width=0.36, height=2.4, column_mass=1.5e3, be
 # plain text, and omit the next cell. [Ground motion files](../docs/records.md) describes formats, units and
 # tables of scale factors.
 #
-# The next cell writes synthetic motions: filtered noise under an envelope, with a velocity pulse as near a
-# fault. They serve as an example and do not replace records.
+# The next cell writes synthetic motions: filtered noise under an envelope, with a velocity pulse as in
+# records near a fault. They serve as an example and do not replace records.
 
 # %%
 pulse = rj.MavroeidisPapageorgiou(A=0.5, f_p=0.7, gamma=2.0, nu=0.5)
@@ -82,7 +82,7 @@ for name in ("PGA", "PGV", "CAV", "D5_95", "acceleration_ratio", "velocity_ratio
 #
 # Every record is scaled to increasing intensities. `rj.Records` stores the samples once for all scenes, even
 # if lengths and intervals differ. The intensity is PGA here; `rj.Measure` defines others. The analysis
-# computes the responses at the levels and the exact least overturning intensity of each record.
+# computes the responses at the levels and the least overturning intensity of each record.
 
 # %%
 records = rj.Records.of(suite.records())
@@ -107,7 +107,7 @@ print(
 ax = plots.incremental_dynamic_analysis(analysis)
 
 # %% [markdown]
-# The curves are not monotone: a stronger motion may rotate the columns less. Under some records the podium
+# A stronger motion may rotate the columns less, so the curves also decrease. Under some records the podium
 # survives again above the first overturning intensity.
 
 # %%
@@ -118,8 +118,8 @@ print(f"windows of survival above the least overturning intensity: {with_windows
 # ## Fragility
 #
 # A lognormal distribution is fitted to the capacities (the least overturning intensities) by maximum
-# likelihood. Records that do not overturn the podium are censored at the highest level. The confidence band
-# follows from the profile likelihood.
+# likelihood. Of records that do not overturn the podium, the fit uses only that their capacity is above the
+# highest level. The confidence band follows from the profile likelihood.
 
 # %%
 fragility = rj.fragility(analysis)
@@ -154,8 +154,8 @@ ratio = np.log(shifted.median_capacity.item() / fragility.median_capacity.item()
 print(f"from two analyses: {ratio:+.3f} % per %")
 
 # %% [markdown]
-# Both values agree only if no capacity jumps from one branch of the boundary to another. A jump shifts the
-# median, and derivatives do not include it.
+# Both values agree only if no capacity jumps to another overturning window. A jump shifts the median, and
+# derivatives do not include it.
 #
 # ## Next
 #

@@ -41,8 +41,8 @@ tight = rj.Options(rtol=1e-12, atol=1e-14, outputs=("peak_rotation",), history=1
 # ## The jump at an impact
 #
 # The podium is released from $\theta_0$ on ground at rest. How does the state at a later time depend on
-# $\theta_0$? With a slightly larger $\theta_0$ the impact comes slightly later. A derivative of the velocity
-# jump alone does not include this shift of the impact time.
+# $\theta_0$? With a slightly larger $\theta_0$ the impact comes slightly later. A derivative must include
+# this shift of the impact time, not only the velocity jump.
 #
 # `simulate` can be differentiated. `jax.jvp` returns the state and its derivative.
 
@@ -114,8 +114,8 @@ for ax in axes:
 # %% [markdown]
 # ## A gradient through many impacts
 #
-# This scene lies among the bands of survival at $\omega_p/p=2$ and has many impacts. Finite differences need
-# a step that is neither too large nor too small; the gradient needs none.
+# This pulse, with $\omega_p/p=2$, leads to many impacts. Finite differences need a step that is neither too
+# large nor too small; the gradient needs none.
 
 
 # %%
@@ -153,8 +153,8 @@ ax.grid(alpha=0.3)
 assert relative_error.min() < 1e-5
 
 # %% [markdown]
-# Small steps amplify rounding errors. With large steps the differences are biased, or the scenes change to
-# another branch.
+# Small steps amplify rounding errors. With large steps the differences are biased, or the order of events
+# changes.
 #
 # ## The gradient of a boundary
 #
@@ -194,9 +194,9 @@ print(f"just above:  peak {value:.6f} α, derivative {slope_of_peak:12.2f} per r
 # ## Points without a derivative
 #
 # The picture shows the peak rotation over the amplitude, and its derivative with respect to $\alpha$. The
-# peak has a kink or a jump at amplitudes at which another maximum becomes the largest. At a grazing impact
-# the derivative is large and valid only in a small neighbourhood. Within the bands the derivative grows
-# towards each boundary.
+# peak has a kink or a jump at amplitudes at which another maximum becomes the largest. Close to a grazing
+# impact, an impact at almost no speed, the derivative is large and valid only in a small neighbourhood. It
+# also grows towards each overturning boundary; where the columns overturn, the curves have gaps.
 
 # %%
 amplitude = np.linspace(1.9, 2.6, 60 if REDUCED else 2000)
@@ -219,8 +219,8 @@ for ax in axes:
     ax.grid(alpha=0.3)
 
 # %% [markdown]
-# `smallest_impact_speed` shows how close a scene is to grazing. Derivatives after an impact grow like the
-# inverse of its speed.
+# `smallest_impact_speed` shows how close a scene is to a grazing impact. Derivatives after an impact grow
+# like the inverse of its speed.
 #
 # Second derivatives raise an error: event times have correct first derivatives only, so second derivatives
 # would be wrong.

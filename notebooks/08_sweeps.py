@@ -107,8 +107,8 @@ plt.show()
 # %% [markdown]
 # ## Recovery of damaged chunks
 #
-# The store contains a checksum of each chunk. Here a file of one chunk is cut in half, as a full or failing
-# disk might leave it. The same call verifies all chunks and solves the damaged one again, with a warning.
+# The store contains a checksum of each chunk. Here a file of one chunk is cut in half, as a full disk might
+# do. The same call verifies all chunks and solves the damaged one again, with a warning.
 
 # %%
 victim = sorted(Path("study.zarr/peak_rotation/c").rglob("*"))[-1]

@@ -40,8 +40,8 @@ for name, podium in (("bare", unrestrained), ("with devices", restrained)):
 # %% [markdown]
 # ## Loops and energy
 #
-# The restoring moment of bare columns decreases with the rotation. Tendons increase the moment, and the
-# damper adds a loop. The energy balance contains the energy that the damper dissipates.
+# The restoring moment of columns without devices decreases with the rotation. Tendons increase the moment,
+# and the damper adds a loop. The energy balance contains the energy that the damper dissipates.
 
 # %%
 history = rj.simulate(restrained, pulse, t_end=6.0)

@@ -33,8 +33,7 @@ REDUCED = os.environ.get("ROCKJAX_NOTEBOOKS") == "reduced"  # small samples, for
 # ## From a fragility curve to an annual frequency
 #
 # A hazard curve is the annual rate at which an intensity is exceeded; a fragility curve is the probability
-# that columns overturn at this intensity. The integral over the fragility and the hazard has a closed form
-# between the points of the hazard curve.
+# that columns overturn at this intensity. Their integral is the annual frequency of overturning.
 
 # %%
 hazard = rj.Hazard([0.5, 1, 2, 4, 8, 16], [3.5e-2, 1.2e-2, 3.4e-3, 7.5e-4, 1.2e-4, 1.1e-5])
@@ -59,7 +58,8 @@ print(f"a median of {median:.3f} m/s² leads to {float(risk.frequency):.2e} per 
 # %% [markdown]
 # ## A random ground motion
 #
-# `GaussianMotion` maps standard normal variables to records. Peak and response spectrum are random.
+# `GaussianMotion` maps vectors of standard normal variables to records. Every record has another peak and
+# another response spectrum.
 
 # %%
 motion = rj.GaussianMotion(n=121, dt=0.04, S_0=0.02)
@@ -86,8 +86,7 @@ for method in ("subset", "monte-carlo"):
     print(f"{method}: {found.probability:.3g}, 95 % between {low:.3g} and {high:.3g}, {found.scenes} scenes")
 
 # %% [markdown]
-# The probability decreases with $\alpha$, because stockier columns overturn less often. (The page on risk
-# describes derivatives of sampled probabilities.)
+# The probability decreases with $\alpha$, because stockier columns overturn less often.
 
 # %%
 alphas = np.linspace(0.18, 0.24, 2 if REDUCED else 5)
@@ -104,8 +103,9 @@ ax.set(xlabel=r"$\tan\alpha$", ylabel="probability of overturning", yscale="log"
 # %% [markdown]
 # ## A design for a target
 #
-# The target is the slimmest block that overturns with a probability of at most 5 %. The search uses one set
-# of rays through failing motions, with exact derivatives. An independent sample verifies the result.
+# The aim is the slimmest block that overturns with a probability of at most 5 %. During the search, the
+# probability comes from failures along fixed directions of the random variables, with exact derivatives. An
+# independent sample verifies the result.
 
 
 # %%

@@ -71,8 +71,8 @@ for ax in axes:
     ax.legend(fontsize="small")
 
 # %% [markdown]
-# The friction demand stays near tan α unless N is small. Lift-off is more critical, because N comes close to
-# zero.
+# The friction demand stays near tan α unless N is small. More critical is the axial force, which comes close
+# to zero; below zero the beam would lift off.
 
 # %% [markdown]
 # ## The least spacing that keeps every joint closed

@@ -66,12 +66,12 @@ rj.plots.floor_spectrum(spectra)
 #
 # The vertical jump of the deck's velocity at an impact is several times the horizontal one. Under a rigid
 # building the vertical spectrum nevertheless exceeds the horizontal one only at periods below 0.07 s. The
-# reason is the last, ever shorter hops. The deck's acceleration changes its sign at each of their impacts,
-# which excites oscillators of all periods, so the horizontal spectrum is flat at eight times the deck's peak
-# acceleration of 1.5 m/s². Under eight stories the deck is light, and the stories shake it between the
-# impacts. The vertical impulses govern for stiff equipment on a rigid structure: for a period of 0.05 s,
-# [Floors](../docs/floors.md#reading-the-numbers) has an example with 21.6 m/s² vertically and 5.4 m/s²
-# horizontally.
+# reason is that the columns come to rest in ever shorter hops. The deck's acceleration changes its sign at
+# each of their impacts, which excites oscillators of all periods. The horizontal spectrum is therefore flat
+# at eight times the deck's peak acceleration of 1.5 m/s². Under eight stories the deck is light, and the
+# stories shake it between the impacts. The vertical impulses govern for stiff equipment on a rigid structure:
+# for a period of 0.05 s, [Floors](../docs/floors.md#reading-the-numbers) has an example with 21.6 m/s²
+# vertically and 5.4 m/s² horizontally.
 
 # %%
 stiff = rj.Podium.from_dimensions(
