@@ -42,9 +42,9 @@ class AnnualFrequency(AbstractScaleTarget):
     λ_f comes from [`rockjax.annual_frequency`][] for the lognormal distribution fitted to the least
     overturning intensity of each motion, as in [`rockjax.fragility`][]. The margin is ln(at_most/λ_f). If
     fewer than two motions overturn the columns, λ_f is the frequency with which `max_intensity` is exceeded,
-    with zero derivative. Raises `ValueError` for a hazard that is not in SI units or has another measure, and
-    for a `max_intensity` that is exceeded `at_most` times a year or more often, because λ_f might then never
-    be small enough.
+    with zero derivative. Raises `ValueError` for a hazard that is not in SI units or has another measure.
+    Raises `ValueError` also for a `max_intensity` that is exceeded `at_most` times a year or more often,
+    because λ_f might then never be small enough.
     """
 
     at_most: Any

@@ -1,7 +1,7 @@
 """Data types of a search: evaluations, settings, iterates and ends of descents.
 
-A descent, the search from one start, is a coroutine: it yields points and receives their evaluations, so that
-many descents are evaluated as one batch.
+A descent is the search from one start. It is a coroutine that yields points and receives their evaluations,
+so that many descents are evaluated as one batch.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 MAX_REFINEMENTS = 3  # largest number of rounds that correct small violations found in the verification
 SAMPLED_TOLERANCE = 1e-4  # smallest tolerance with sampled probabilities, whose scatter is larger
 MAX_CORRECTIONS = 3  # largest number of rounds that continue a search if independent samples contradict it
-MAX_CHECKED_ENDS = 4  # ends at which independent samples are taken in one round
+MAX_CHECKED_ENDS = 4  # largest number of ends at which independent samples are taken in one round
 MAX_SAMPLE_VIOLATION = 0.2  # largest violation in an independent sample that is corrected [–]
 
 
@@ -55,10 +55,10 @@ def design(
 
     - `podium`: the first starting point, a `rockjax.Podium`, or an `optimise.Dimensions` to vary masses too.
       All parameters that are not varied keep their values
-    - `vary`: name → (lowest, highest) in the unit of the parameter. Names are parameters of the structure,
-      for a `Podium` for instance `alpha`, `tan_alpha`, `R`, `gamma`, `lam`, `g`, `restitution`, `eta`, `T_s`,
-      `zeta`, or `width` and `height` (varying one keeps the other). A positive range wider than a factor of
-      10 is scaled logarithmically
+    - `vary`: name → (lowest, highest) in the unit of the parameter. Names are parameters of the structure.
+      Those of a `Podium` are `alpha`, `tan_alpha`, `R`, `gamma`, `lam`, `g`, `restitution`, `eta`, `T_s`,
+      `zeta`, `width` and `height` (varying one of these two keeps the other), and others. A positive range
+      wider than a factor of 10 is scaled logarithmically
     - `minimise`: an objective, or a function of the podium that returns a number or a vector, whose largest
       entry is minimised. None finds the design nearest to `podium` that satisfies the targets
     - `targets`: targets to satisfy; targets on the same motions share their simulations
@@ -219,10 +219,8 @@ class DescentSearch:
         return self.evaluate(self.end_points)
 
     def correct(self, settings: Settings) -> None:
-        """Continue from the ends while an independent sample contradicts the estimate of the search.
-
-        The search stops after `MAX_CORRECTIONS` rounds.
-        """
+        """Continue from the ends while an independent sample contradicts the estimate of the search, in at
+        most `MAX_CORRECTIONS` rounds."""
         for _ in range(MAX_CORRECTIONS if self.evaluate.sampled_targets.targets else 0):
             best = _best_index(self.evaluate(self.end_points))
             _, differs = self.evaluate.sampled_targets.check(self.end_points[best])

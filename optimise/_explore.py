@@ -301,8 +301,7 @@ class _Grid(NamedTuple):
         unit = 10.0 ** math.floor(math.log10(rough_step))
         step = unit * next(factor for factor in (1, 2, 5, 10) if factor * unit >= 0.999 * rough_step)
         grids = [cls(low, high, float(f"{step / 10**k:.12g}")) for k in range(MAX_REFINEMENTS + 1)]
-        finest = cls(low, high, step / 10**MAX_REFINEMENTS)
-        return next((grid for grid in grids if grid.has_position(value)), finest)
+        return next((grid for grid in grids if grid.has_position(value)), grids[-1])
 
     def has_position(self, value: float) -> bool:
         """Return whether a value is a position."""
@@ -311,7 +310,7 @@ class _Grid(NamedTuple):
 
     def read(self, shown_value: float, initial_value: float) -> float:
         """Return the initial value if the slider shows the position nearest to the initial value, otherwise
-        the shown value."""
+        the shown value. A shown value that is not a position is returned unchanged."""
         if not self.has_position(shown_value):
             return shown_value
         shown_value = float(f"{shown_value:.12g}")  # browsers compute positions in floating point

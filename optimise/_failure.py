@@ -40,8 +40,8 @@ class FailureProbability(AbstractTarget):
       which the failure surface is followed, ≥ 8; `seed`: seed of the random numbers, ≥ 0
     - `name`: name in reports
 
-    The margin is ln k, where k is the factor on the standard normal variables u of the motion for which the
-    probability equals `at_most`; for motions without a pulse, this is a factor on the motion. During the
+    The margin is ln k. The standard normal variables u of the motion, multiplied by k, give exactly the
+    probability `at_most`; for motions without a pulse, k is a factor on the motion. During the
     search k comes from rays through failing samples of the first structure, with derivatives by the implicit
     function theorem. All structures use the same rays, and the search aims below `at_most` to allow for the
     scatter between two samples. A design is verified by subset simulation with another seed; this

@@ -78,6 +78,7 @@ class Fit(Module):
 def _check_measurement(times, theta, variable_count: int, earliest: float) -> tuple[np.ndarray, np.ndarray]:
     """Return times and rotations as arrays; raise `ValueError` if they are invalid.
 
+    - `times`, `theta`: as for `fit`
     - `variable_count`: number of variables; at least as many measurements are required
     - `earliest`: start of the excitation [s]
     """
@@ -241,7 +242,11 @@ def _from_unit_interval(x):
 
 @eqx.filter_jit
 def _costs(scene: _Scene, points, weights, peak):
-    """Return the mean squares of the weighted residuals at points (k, n), inf if the scene did not finish."""
+    """Return the mean squares of the weighted residuals [–], (k,); inf if the scene did not finish.
+
+    - `scene`: the scene; `points`: variables in [0, 1], (k, n)
+    - `weights`: weights of the times, (times,); `peak`: largest measured rotation [rad]
+    """
 
     def cost(x):
         residuals = weights * scene.residuals(x) / peak
@@ -252,7 +257,12 @@ def _costs(scene: _Scene, points, weights, peak):
 
 @eqx.filter_jit
 def _solve_window(scene: _Scene, z, weights, peak, tolerance):
-    """Fit one window from every start z (starts, n); return the new z and whether each solver converged."""
+    """Fit one window from every start; return the new z and whether each solver converged.
+
+    - `scene`, `weights`, `peak`: as for `_costs`
+    - `z`: transformed variables (starts, n), as from `_from_unit_interval`
+    - `tolerance`: relative and absolute tolerance of the solver [–]
+    """
     solver = optx.LevenbergMarquardt(rtol=tolerance, atol=tolerance)
 
     def solve_start(z):

@@ -64,9 +64,9 @@ class ContentsRotation(AbstractFloorTarget):
     - `limit`: 0 < limit < 1 [–]; `excitations`: a motion or a list of them
     - `contents`: one or several [`rockjax.Contents`][]; `name`: name of the target in reports
 
-    A block with rotation φ and slenderness angle α_c has the margin (limit − s)/limit with s = max|φ|/α_c, or
-    s = 1 − M if the block overturns, where M < 0 is its overturning margin. If the columns overturn, margins
-    are at most the overturning margin of the columns. Raises `ValueError` for an invalid limit or contents.
+    A block with rotation φ and slenderness α_c has the margin (limit − s)/limit with s = max|φ|/α_c. If the
+    block overturns, s = 1 − M, where M < 0 is its overturning margin. If the columns overturn, margins are at
+    most the overturning margin of the columns. Raises `ValueError` for an invalid limit or contents.
     """
 
     limit: Any

@@ -4,9 +4,9 @@ The transformation follows the gradient of
 
     f + Σ_j (max(0, μ_j − ρ_j c_j)² − μ_j²)/(2ρ_j),
 
-where f is the largest objective value, c_j a margin minus the margin aimed at, μ_j its multiplier, and ρ_j
-is ρ divided by a running mean of |∇c_j|², so that margins of any slope have equal weight. In each step μ_j
-moves a tenth of the way to max(0, μ_j − ρ_j c_j). After the first eighth of a search, the length of step t
+where f is the largest objective value, c_j a margin minus the margin aimed at, and μ_j its multiplier. ρ_j is
+ρ divided by a running mean of |∇c_j|², so that margins of any slope have equal weight. In each step μ_j moves
+a tenth of the way to max(0, μ_j − ρ_j c_j). After the first eighth of a search, the length of step t
 decreases as 1/√t. Points are projected onto the bounds. Values of different steps are never compared, because
 the motions may differ from step to step.
 """
@@ -146,7 +146,11 @@ class GradientSteps:
         return float(value), gradient
 
     def _record(self, k: int, evaluation: Evaluation, factor: float, step: float) -> None:
-        """Append an iterate to the history."""
+        """Append an iterate to the history.
+
+        - `k`, `evaluation`: index of the start, and the evaluation at its point
+        - `factor`: factor on the step; `step`: largest absolute entry of the step
+        """
         margin, value = float(np.min(evaluation.c, initial=np.inf)), float(np.max(evaluation.f))
         row = Iterate(k, self.iteration, self.x[k], value, margin, np.nan, factor, RHO, step, True)
         self.history.append(row)

@@ -133,8 +133,10 @@ def limited_by_overturning(margins: Values, peaks: rj.Peak) -> Values:
 
 
 def overturning_depths(peaks: rj.Peak, count: int) -> tuple[Array, Float[Array, " k"]]:
-    """Return two vectors (count,): whether the scene of each value overturned, and its depth −M [–], where
-    M < 0 is the overturning margin (1 where the scene did not overturn)."""
+    """Return two vectors (count,): whether the scene of each value overturned, and its depth −M [–].
+
+    M < 0 is the overturning margin. The depth of scenes that did not overturn is 1, and has no effect.
+    """
     depth = jnp.where(peaks.margin < 0, -peaks.margin, 1.0)
     repeat = lambda y: jnp.repeat(jnp.ravel(y), count // jnp.size(y))
     return repeat(peaks.overturned), repeat(depth)

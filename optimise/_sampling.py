@@ -108,7 +108,11 @@ class SampledTargets:
     def _margin_and_slope(
         ray_target: RayTarget, podium: rj.Podium, log_slopes: dict[str, Vector], n: int
     ) -> MarginSlope:
-        """Return the margin and its slope (n,), by the chain rule over the logarithms of the parameters."""
+        """Return the margin and its slope (n,), by the chain rule over the logarithms of the parameters.
+
+        - `ray_target`: the target; `podium`: the structure
+        - `log_slopes`: d ln y/dx (n,) of every parameter y that depends on x; `n`: number of variables
+        """
         at_podium = ray_target.at(podium, tuple(log_slopes))
         terms = (at_podium.slopes[name] * log_slope for name, log_slope in log_slopes.items())
         return MarginSlope(at_podium.margin, sum(terms, np.zeros(n)))

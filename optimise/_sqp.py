@@ -25,8 +25,8 @@ from ._results import CONVERGED, INFEASIBLE, NOT_FINITE, OUT_OF_ITERATIONS, STAL
 MAX_ITERATIONS = 60
 # Ratios of the actual to the predicted decrease of the merit: to accept a step, to enlarge the region.
 ACCEPT_RATIO, GOOD_RATIO = 1e-3, 0.75
-LARGEST_PENALTY = 1e6
-MAX_CUTS = 12
+LARGEST_PENALTY = 1e6  # largest penalty ν
+MAX_CUTS = 12  # largest number of stored cuts
 MAX_AXIS_SEARCHES = 4  # searches along the axes from the end of a descent
 AXIS_DISTANCES = (0.02, 0.06, 0.2, 0.5)  # distances from this end, in scaled variables
 ROUNDING = 1e-11  # smaller relative decreases of the merit are rounding errors
@@ -319,6 +319,10 @@ def _step_and_penalty(
 
     The penalty is raised until the step removes 30 % of the violation that a step can remove, or all of it
     if a step can satisfy the modelled margins.
+
+    - `model`: linear models around the current point; `current`: evaluation at this point
+    - `merit`: merit with its curvature, weight and present penalty
+    - `lower`, `upper`: bounds of the step (n,)
     """
     penalty = merit.penalty
     step = solve(model, merit.curvature, merit.weight, penalty, lower, upper)

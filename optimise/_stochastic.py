@@ -2,8 +2,8 @@
 
 A start ends at the mean of the second half of its gradient steps (Polyak–Ruppert averaging). Small batches
 bias this mean. An independent sample at the mean measures the bias. If the mean violates a target, the bias
-and an allowance for the scatter between two samples are added to the margins aimed at, and a shorter
-search continues from the mean. A new independent sample follows each search.
+and an allowance for the scatter between two samples are added to the margins aimed at. A shorter search then
+continues from the mean. A new independent sample follows each search.
 """
 
 from __future__ import annotations

@@ -243,8 +243,13 @@ class AbstractScaleTarget(AbstractTarget):
 
 
 def _scale_range(owner: str, at_least, max_scale, width) -> tuple[float, float]:
-    """Return `at_least` and `max_scale`, by default 3 times `at_least`. Raises `ValueError` for values out of
-    range."""
+    """Return `at_least` and `max_scale`, by default 3 times `at_least`.
+
+    - `owner`: class that error messages name
+    - `at_least`, `max_scale`, `width`: as for `OverturningScale`
+
+    Raises `ValueError` for values out of range.
+    """
     check_limit(owner, "width", width, below=0.1)
     check_limit(owner, "at_least", at_least)
     max_scale = 3.0 * at_least if max_scale is None else max_scale

@@ -1,4 +1,9 @@
-"""Rocking podium structures: simulation of uplift, rocking and impacts in JAX, with exact derivatives."""
+"""Rocking podium structures: simulation of uplift, rocking and impacts in JAX, with exact derivatives.
+
+A scene is one structure under one ground motion. Docstrings cite equations by number, such as Eq. (9) or
+(C10). Numbers without a letter are those of the paper that docs/model.md names; docs/equations.md states
+where the others are.
+"""
 
 import os as _os
 import sys as _sys

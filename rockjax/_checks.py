@@ -66,8 +66,8 @@ def as_array(x) -> Array:
 
 
 def refuse_gaps(name: str, x) -> None:
-    """Raise `ValueError`, which names the first gap, for missing values: masked values of a masked array,
-    None in a list, and anything but numbers (None, NA) in an array of objects."""
+    """Raise `ValueError`, which names the first gap, if `x` has missing values: masked values, None in a
+    list, or anything but numbers (None, NA) in an array of objects."""
     if isinstance(x, np.ma.MaskedArray):
         gaps = np.ma.getmaskarray(x)
     elif isinstance(x, np.ndarray) and x.dtype.kind == "O":
@@ -95,7 +95,8 @@ def refuse_sentinels(name: str, samples: np.ndarray) -> None:
     such as -999.
 
     One of the `_SENTINELS` counts as such a value if it is more than three times as large as all other
-    samples, or if it occurs three times in succession and the samples jump where such a run starts or ends.
+    samples. It also counts if it occurs three times in succession, and the samples jump by more than half of
+    it where a run of this value starts or ends.
     """
     sizes = np.abs(samples)
     if not sizes.size or sizes.max() < _SENTINELS[0] - 1:
@@ -173,8 +174,8 @@ def check_dtype(owner: str, name: str, tree) -> None:
 
 
 def concrete(x) -> np.ndarray | None:
-    """Return the value of `x` as a NumPy array; None if `x` is traced or not a number (a placeholder in a
-    pytree)."""
+    """Return the value of `x` as a NumPy array; None if `x` is traced or not numeric, such as a placeholder
+    in a pytree."""
     if isinstance(x, Tracer):
         return None
     try:
@@ -184,7 +185,7 @@ def concrete(x) -> np.ndarray | None:
 
 
 def array_module(*values) -> Any:
-    """Return `numpy` if no value is traced, otherwise `jax.numpy`, whose calls compile outside jit."""
+    """Return `jax.numpy` if a value is traced, otherwise `numpy`, which does not compile."""
     return jnp if any(isinstance(y, Tracer) for y in jax.tree.leaves(values)) else np
 
 

@@ -1,7 +1,8 @@
-"""Lognormal distributions, and maximum-likelihood fits to capacities and to counts.
+"""Lognormal distributions, and their maximum-likelihood fits to capacities and to counts of events.
 
-A capacity is the intensity at which an event, such as overturning, first occurs. Fits are differentiable with
-respect to the data, by the implicit function theorem at the maximum.
+A capacity is the intensity at which an event, such as overturning, first occurs. Counts are the numbers of
+motions that cause the event at several intensity levels. Fits are differentiable with respect to the data, by
+the implicit function theorem at the maximum.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from rockjax._checks import array_module
 MIN_DISPERSION = 1e-4  # capacities with a smaller dispersion have no fit
 # Counts with a larger dispersion have no fit: the 84 % fractile would be e⁶ = 400 times the 16 % fractile.
 MAX_DISPERSION = 3.0
-MIN_RISE = 1e-9  # a smaller rise of the share of events with the level counts as rounding
+MIN_RISE = 1e-9  # if the share of events increases with the level by less, the increase may be rounding
 
 
 class Lognormal(NamedTuple):
@@ -49,8 +50,9 @@ def fit_capacities(
     - `weights`: weight of each capacity, shape (n,); None for equal weights
 
     Without censored capacities, ln(median) is the mean of the logarithms, and the dispersion their standard
-    deviation with the divisor n. The result is NaN unless at least two capacities differ. The function works
-    under `jit`, `vmap` and `grad` with respect to `capacity`.
+    deviation with the divisor n. The result is NaN if fewer than two capacities are observed, or if the
+    dispersion of the observed ones is at most `MIN_DISPERSION`. The function works under `jit`, `vmap` and
+    `grad` with respect to `capacity`.
     """
     is_observed = jnp.isfinite(capacity)
     weight = jnp.ones_like(capacity) if weights is None else weights
@@ -75,13 +77,13 @@ def fit_counts(x: Float[Array, " m"], events: Float[Array, " m"], trials: Float[
     """Fit a lognormal distribution to counts at several intensity levels (multiple stripes), by the maximum
     binomial likelihood of a probit curve in ln x.
 
-    - `x`: levels, > 0, shape (m,)
+    - `x`: levels, > 0, ascending, shape (m,)
     - `events`: numbers of motions at the levels that cause the event, shape (m,)
     - `trials`: numbers of all motions at the levels, shape (m,)
 
-    The result is NaN if the likelihood has no maximum: if all motions that cause the event are at higher
-    levels than all other motions, or if the share of events does not increase with the level. The result is
-    also NaN for a dispersion above `MAX_DISPERSION`.
+    The result is NaN if the likelihood has no maximum. This is the case if all motions or none cause the
+    event, if no motion that causes the event is at a lower level than one that does not, and if the share of
+    events does not increase with the level. The result is also NaN for a dispersion above `MAX_DISPERSION`.
     """
     log = jnp.log(x)
     has_events, has_others = events > 0, events < trials

@@ -160,7 +160,7 @@ def canonical_options(podium: Podium, options: Options) -> Options:
     """Return the canonical form of options. Requests with equal canonical options share a compiled program.
 
     `history` and `throw` have their defaults, outputs are in the order of the registry, and outputs that do
-    not apply to the podium are removed.
+    not apply to the podium are removed, unless none would remain.
     """
     parameters, treedef = jax.tree.flatten(options)
     applicable = frozenset(name for name, output in REGISTRY.items() if output.applies(podium))

@@ -1,9 +1,10 @@
 """Sine and cosine from polynomials, with derivative rules.
 
 In float64 the compiler would call scalar library routines, whereas polynomials use vector instructions. In
-the equations of motion the argument ψ = σα − θ stays within ±π/2, where polynomials of eight terms are
-accurate to rounding. In a rejected trial step |ψ| may be larger; the error then grows smoothly to 1e-8 at
-|ψ| = 3. The phase of a ground motion may be any number, and is first reduced to ±π/2.
+the equations of motion the argument ψ = σα − θ, with the side σ = ±1 of the rotation, stays within ±π/2.
+There, polynomials of eight terms are accurate to rounding. In a rejected trial step |ψ| may be larger; the
+error then grows smoothly to 1e-8 at |ψ| = 3. The phase of a ground motion may be any number, and is first
+reduced to ±π/2.
 """
 
 import math
@@ -89,8 +90,8 @@ def sin(x: Value) -> Value:
 @jax.custom_jvp
 @jax.jit
 def cos(x: Value) -> Value:
-    """Return cos x for any x, as accurately as `sin`, except that the absolute error near the zeros of cos x
-    is one rounding error of the number 1."""
+    """Return cos x for any x, as accurately as `sin`. Only near the zeros of cos x is the error larger: one
+    rounding error of the number 1."""
     half_turns, sign = _half_turns(x)
     _, c = sincos(_subtract_half_turns(x, half_turns))
     return sign * c

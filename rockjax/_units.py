@@ -1,6 +1,7 @@
 """Constants and units: conversion to SI, recognition of units in strings, and units for display.
 
-All other modules use SI; factors of other units come from `UNITS`.
+All other modules use SI. `UNITS` has the factors of units in files of motions and hazard curves;
+`_report/units.py` has those of the units in reports.
 """
 
 from __future__ import annotations

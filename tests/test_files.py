@@ -169,8 +169,8 @@ def test_an_interrupted_spectrum_goes_on(monkeypatch, tmp_path):
     for change, words in (
         ({"options": OPTIONS.replace(rtol=1e-7)}, "rtol = 1e-08, not 1e-07"),
         ({"podiums": [podiums[0].replace(R=3.0), *podiums[1:]]}, "R_m"),
-        ({"x": X + 0.1}, "axis frequency_ratio"),
-        ({"podiums": podiums[:2]}, "one spectrum or None per podium"),
+        ({"x": X + 0.1}, "other values of frequency_ratio"),
+        ({"podiums": podiums[:2]}, "one spectrum or None for each of the 2 podiums"),
     ):
         given = {"podiums": podiums, "x": X, "options": OPTIONS} | change
         with pytest.raises(ValueError, match=words):
@@ -242,7 +242,7 @@ def test_ctrl_c_on_the_command_line_and_resume(tmp_path):
     )
     first = call()
     assert first.returncode == 130, first.stderr
-    assert "--resume goes on from there" in first.stderr
+    assert "repeat the command with --resume to continue" in first.stderr
     assert "Traceback" not in first.stderr
     assert os.listdir(tmp_path) == ["out.partial.nc"]
     second = call("--resume")

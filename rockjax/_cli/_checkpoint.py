@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockjax._files import write_atomically
+from rockjax._files import write_dataset
 
 if TYPE_CHECKING:
     import xarray
@@ -23,15 +23,9 @@ def save(path: Path, datasets: Sequence[xarray.Dataset | None]) -> Path:
     """Save datasets atomically and return the path; None stands for a podium without results."""
     import xarray
 
-    def write(name: str) -> None:
-        xarray.Dataset(attrs={"title": "Interrupted run", "datasets": len(datasets)}).to_netcdf(
-            name, engine="netcdf4"
-        )
-        for k, data in enumerate(datasets):
-            if data is not None:
-                data.to_netcdf(name, mode="a", group=f"dataset-{k}", engine="netcdf4")
-
-    return write_atomically(path, write)
+    root = xarray.Dataset(attrs={"title": "Interrupted run", "datasets": len(datasets)})
+    groups = {f"dataset-{k}": data for k, data in enumerate(datasets) if data is not None}
+    return write_dataset(path, root, groups)
 
 
 def load(path: Path, count: int) -> list[xarray.Dataset | None]:

@@ -90,7 +90,11 @@ def store_path(output: Path) -> Path:
 
 
 def require_writable(path: Path) -> None:
-    """Raise `OSError` if a path cannot be written, tested by a temporary file in the nearest folder."""
+    """Raise `OSError` if a path cannot be written.
+
+    The test writes a temporary file into the folder of the path or, if that is missing, into the nearest
+    folder above it that exists.
+    """
     if path.is_dir():
         raise OSError(f"{path} could not be written: it is a folder")
     folder = path.parent

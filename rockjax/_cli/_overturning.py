@@ -8,7 +8,7 @@ from ._options import PANEL_DEFAULTS, Output, Resume, accuracy_options, options_
 from ._outputs import parse_outputs
 from ._panels import combine_panels, make_pulse, report_minima
 from ._request import Request
-from ._run import Console, command, save_interrupted
+from ._run import Console, command, exit_after_saving
 
 
 @command(structure_options(**PANEL_DEFAULTS), options_of(models.Overturning), accuracy_options(rtol=1e-11))
@@ -62,7 +62,7 @@ def overturning(
                         options=options,
                     )
                 except KeyboardInterrupt:
-                    raise save_interrupted(
+                    raise exit_after_saving(
                         files.prefix, spectra, f"stopped with {k} of {len(podiums)} podiums solved"
                     ) from None
                 console.note(f"podium {k + 1}: {spectra[k].attrs['scenes']} scenes")
@@ -71,7 +71,7 @@ def overturning(
         panels = combine_panels(spectra, ratios, periods, zeta)
         console.write(files.data(), panels)
     except KeyboardInterrupt:
-        raise save_interrupted(files.prefix, spectra) from None
+        raise exit_after_saving(files.prefix, spectra) from None
     for suffix, plot in zip(pictures, ("overturning_boundaries", "sensitivities"), strict=False):
         console.draw(files.picture(suffix), plot, panels)
     _checkpoint.path_of(files.prefix).unlink(missing_ok=True)

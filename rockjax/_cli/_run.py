@@ -87,6 +87,7 @@ class Console:
         return {"scenes": total, "overturned": overturned, "without_answer": failed}
 
     def add_file(self, path: Path) -> None:
+        """Add a file to the files that `close` lists."""
         self.written.append(path)
 
     def close(self) -> None:
@@ -234,8 +235,8 @@ def configure_jax(console: Console) -> None:
 
     if store.enabled() and jax.config.jax_compilation_cache_dir is None:  # pyright: ignore[reportAttributeAccessIssue]
         # JAX's own cache keeps the programs that rockjax does not store. The process runs only this command,
-        # so the setting affects nothing else. rockjax cannot store a program that JAX has loaded from its
-        # cache. With a folder for each version of rockjax, a new version compiles and stores its programs.
+        # so the setting affects nothing else. Each version of rockjax has its own folder, because rockjax
+        # cannot store a program that JAX loads from its cache instead of compiling it.
         jax.config.update("jax_compilation_cache_dir", str(store.root() / "jax" / key.source_hash()[:16]))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
     if console.quiet:
@@ -251,7 +252,7 @@ def _describe_programs() -> str:
     return f"{COUNTS['compiled']} programs compiled, {COUNTS['loaded']} loaded from {store.root()}"
 
 
-def save_interrupted(
+def exit_after_saving(
     output: Path, datasets: list, message: str = "stopped before all files were written"
 ) -> typer.Exit:
     """Save partial results, print how to resume, and return the exception that ends the command.

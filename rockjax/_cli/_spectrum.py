@@ -8,7 +8,7 @@ from ._options import PANEL_DEFAULTS, Output, Resume, accuracy_options, options_
 from ._outputs import parse_outputs
 from ._panels import combine_panels, make_pulse, report_minima
 from ._request import Request
-from ._run import Console, command, save_interrupted
+from ._run import Console, command, exit_after_saving
 
 
 @command(
@@ -76,9 +76,9 @@ def spectrum(
         panels = combine_panels(spectra, ratios, periods, zeta)
         console.write(files.data(), panels)
     except rj.Interrupted as stopped:
-        raise save_interrupted(files.prefix, stopped.partial, str(stopped)) from None
+        raise exit_after_saving(files.prefix, stopped.partial, str(stopped)) from None
     except KeyboardInterrupt:
-        raise save_interrupted(files.prefix, spectra) from None
+        raise exit_after_saving(files.prefix, spectra) from None
     console.draw(files.picture("rotation"), "spectra", panels)
     console.draw(files.picture("overturning"), "overturning_curves", panels)
     if parameters:

@@ -139,8 +139,8 @@ class AbstractExcitation(Module):
         return None
 
     def curvature(self) -> Value:
-        """Return a bound of |d²ü_g/dt²| between breakpoints [m/s⁴], which components of a `GroundMotion`
-        need."""
+        """Return a bound of |d²ü_g/dt²| between breakpoints [m/s⁴]. Components of a `GroundMotion` need this
+        method."""
         raise NotImplementedError(
             f"{type(self).__name__} cannot be a component of a GroundMotion; define its method "
             "`curvature`, which returns a bound of |d²ü_g/dt²| between breakpoints"
@@ -161,7 +161,8 @@ class AbstractExcitation(Module):
     def lowest(self) -> tuple[Value, Value]:
         """Return the minimum of ü_g [m/s²], which may be positive, and its time [s], for a single motion.
 
-        By default the minimum is the smallest value at 4097 samples and breakpoints, refined by a parabola.
+        By default the time is that of the smallest value at 4097 samples and the breakpoints, and a parabola
+        through the neighbouring samples refines the value.
         """
         start, end = self.support
         times = jnp.concatenate(

@@ -28,7 +28,8 @@ PARTS = "horizontal", "vertical"
 MAX_PIECES = 2**31  # limit of the number of pairs of pieces, because their index is a 32-bit integer
 # Excursions above the threshold that are shorter than this multiple of the motion's time scale are ignored.
 MIN_EXCURSION = 1e-9
-LEVEL_SAFETY = 1 - 1e-6  # factor on the level of |ü_g| below which no signal can exceed the threshold
+# Factor, against rounding, on the level of |ü_g| below which no combined signal can exceed the threshold.
+LEVEL_SAFETY = 1 - 1e-6
 
 
 def _component(name: str) -> Callable[[Any], AbstractExcitation]:
@@ -177,12 +178,12 @@ class GroundMotion(AbstractExcitation):
         )
 
     def tie(self, index: Index) -> tuple[Value, Index]:
-        """Return the time between the ends of the two components' pieces, and the index of the piece between
-        them, for ends that coincide.
+        """Return the difference of two coincident breakpoints, and the index of the piece between them.
 
-        The time, horizontal minus vertical end [s], has the value zero. Its derivative is not zero if
-        coincident ends depend differently on the parameters. The piece between the ends combines the next
-        horizontal piece with the present vertical piece.
+        The difference, horizontal minus vertical breakpoint at the end of piece `index` [s], is zero. Its
+        derivative is not zero if the two breakpoints depend differently on the parameters. The piece between
+        them combines the next horizontal piece with the present vertical piece. If the breakpoints do not
+        coincide, the difference is the constant zero.
         """
         i, j = self.parts(index)
         end_i, end_j = self._ends(index)

@@ -1,4 +1,4 @@
-"""Motions, such as floor motions, that are polynomials between breakpoints with velocity jumps."""
+"""Motions that are polynomials between breakpoints and whose velocity jumps there, such as floor motions."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ POINTS_PER_PIECE = 33  # number of points per piece in the search for the minimu
 
 
 class PiecewiseMotion(AbstractExcitation):
-    """A motion that is a polynomial between breakpoints and zero outside, with jumps of its velocity.
+    """A motion that is a polynomial between breakpoints and zero outside; its velocity jumps at breakpoints.
 
     - `times`: breakpoints, ascending; the last ones may be inf [s]
     - `coefficients`: coefficients of the motion from each breakpoint to the next, in powers of z ∈ [−1, 1]

@@ -64,8 +64,9 @@ class _PulseLookahead(AbstractLookahead):
     """Lookahead of a pulse, from the crossings of the threshold on its monotone intervals.
 
     - `a_p`, `T_p`: amplitude [m/s²] and period [s]
-    - `lead`, `trail`: on the interval k between the knots b_k and b_{k+1}, |ü_g| exceeds the threshold in
-      [b_k, lead_k) and in (trail_k, b_{k+1}); in units of T_p, or None if there is no threshold
+    - `lead`, `trail`: ends of the exceedances in each interval [T_p]; None if there is no threshold. In the
+      interval from knot b_k to knot b_{k+1}, |ü_g| exceeds the threshold in [b_k, lead_k) and in
+      (trail_k, b_{k+1})
     - `pulse`: class of the pulse
     """
 

@@ -207,8 +207,8 @@ class SampledLookahead(AbstractLookahead):
         return times[jnp.argmax(size_on(side, jnp.stack([record(t) for t in times])))]
 
     def _highest_sample(self, first: Index, end: Index, side: Value | None) -> Index:
-        """Return the sample in [first, end) with the largest |ü_g|, or the largest side·ü_g if a side is
-        given, found in a tree of maxima."""
+        """Return the sample in [first, end) with the largest |ü_g|, or with the largest side·ü_g if a side is
+        given. A tree of maxima is searched."""
         tree = self.tree
         assert tree is not None
         leaves = tree.shape[-1] // 2
@@ -284,8 +284,8 @@ class SampledLookahead(AbstractLookahead):
         def advance(carry):
             node, _ = carry
             is_above = exceeds(node)
-            # Go to the first child. If the node is below the threshold, go to its right neighbour
-            # instead, or from a right child to the right neighbour of its parent.
+            # A node above the threshold: go to its first child. A left child below the threshold: go to its
+            # right neighbour. A right child below the threshold: go to the right neighbour of its parent.
             next_node = jnp.where(is_above, 2 * node, jnp.where(node % 2 == 1, (node + 1) // 2, node + 1))
             is_found = is_above & (node >= leaves)
             is_last = ~is_above & ((node & (node + 1)) == 0)  # the rightmost node of its level

@@ -25,13 +25,14 @@ def require_memory(
     noun: str = "scenes",
     advice: str = REQUEST_FEWER_OR_SWEEP,
 ) -> None:
-    """Raise `ValueError` if a number of scenes does not fit into free memory, as reported by Linux.
+    """Raise `ValueError` if the results of scenes do not fit into free memory, as reported by Linux; other
+    systems are not checked.
 
     - `owner`: class or function, for the message
     - `number`: number of scenes
     - `bytes_each`: memory of each scene [bytes]
-    - `noun`: plural noun in the message, if it is not "scenes"
-    - `advice`: last part of the message
+    - `noun`: plural noun for what is counted, for the message
+    - `advice`: advice at the end of the message
     """
     needed, free = number * bytes_each, []
     if needed < 2**20:  # too little to look up the free memory

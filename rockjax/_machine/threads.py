@@ -12,7 +12,8 @@ from typing import Any
 
 import jax
 
-TABLE_MODULES = "xarray", "dask.array"  # xarray imports dask.array, if installed, for the first Dataset
+# Modules for tables. xarray imports dask.array, if it is installed, when it makes the first Dataset.
+TABLE_MODULES = "xarray", "dask.array"
 
 # The thread pool, once it exists. It starts another thread if none is idle, up to 1024, so waiting threads do
 # not block others. All threads finish their work before the process ends.

@@ -23,8 +23,8 @@ def _normalise(name: str) -> str:
 
 
 def is_vertical(name: str) -> bool:
-    """Return whether a name, such as `Up`, `U-D`, `UD1`, `VERT.`, `DWN` or `HNZ`, means a vertical component.
-    The whole name counts, and so do its first word and the part after its last point."""
+    """Return whether a name means a vertical component: the whole name, its first word or the part after its
+    last point is a name such as `Up`, `U-D`, `UD1`, `VERT.`, `DWN` or `HNZ`."""
     return any(
         _matches_vertical(_normalise(word)) for word in (name, (name.split() or [""])[0], name.split(".")[-1])
     )

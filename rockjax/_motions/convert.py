@@ -214,8 +214,8 @@ def combine_motions(owner: str, members: Sequence[Any], name: str) -> AbstractEx
 
 
 def as_pulse(owner: str, value, name: str = "pulse") -> Callable[[Any, Any], AbstractExcitation]:
-    """Check an argument that makes pulses. A class of pulses is returned unchanged. A function (a_p, T_p) ↦
-    excitation is wrapped, so that its results are checked."""
+    """Check and return an argument that makes pulses. A class of pulses is returned unchanged. A function
+    (a_p, T_p) ↦ excitation is wrapped, so that its results are checked too."""
     if isinstance(value, type) and issubclass(value, AbstractPulse):
         return value
     if isinstance(value, AbstractPulse):

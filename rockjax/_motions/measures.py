@@ -29,9 +29,9 @@ def intensity_measures(
       [`rockjax.Motions`][] or a list of motions, gives arrays with the dimension `motion`
     - `periods`: periods T of Sa(T), ≥ 0 [s]
     - `damping`: damping ratio of Sa, 0 ≤ ζ < 1 [–]
-    - `podium`: adds the dimensionless rocking measures that Dimitrakopoulos & Paraskeva (2015) define:
-      `acceleration_ratio` PGA/(g tan α), which must exceed 1 for the uplift of a rigid podium, and
-      `velocity_ratio` p·PGV/(g tan α)
+    - `podium`: podium for two additional dimensionless measures (Dimitrakopoulos & Paraskeva 2015):
+      `acceleration_ratio` PGA/(g tan α), and `velocity_ratio` p·PGV/(g tan α). A rigid podium lifts only if
+      the acceleration ratio exceeds 1
 
     Variables: `dt`, `duration` [s], `PGA` [m/s²], `PGV` [m/s], `PGD` [m], `PGV_PGA` [s],
     `arias_intensity` π/(2g)∫ü_g² dt [m/s], `CAV` ∫|ü_g| dt [m/s], `D5_95` [s], `scale` (scale factor

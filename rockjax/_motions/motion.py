@@ -48,8 +48,8 @@ class Motion(Accelerogram):
       it. Methods that change a motion also change its vertical component. Intensity measures describe the
       horizontal motion
 
-    Raises `ValueError` for fewer than two samples, for samples that are not finite, for gaps (masked
-    samples, or values such as -999 or 999999 that stand for missing samples) and for dt ≤ 0.
+    Raises `ValueError` for dt ≤ 0, for fewer than two samples, for samples that are not finite, and for gaps:
+    masked samples, and values such as -999 or 999999 that stand for missing samples.
     """
 
     vertical: Motion | None = None
@@ -286,6 +286,7 @@ class Motions(Sequence[Motion]):
 
     @property
     def names(self) -> list[str]:
+        """Names of the motions, in their order."""
         return [motion.name for motion in self]
 
     @property

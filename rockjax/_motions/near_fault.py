@@ -87,8 +87,8 @@ class PulseFit:
 
     - `pulse`: the pulse, centred on t = 0
     - `time`: time of the pulse's centre in the record [s]
-    - `share`: share of the record's ∫v² dt, with the velocity v, that the pulse explains; of ∫d² dt if the
-      displacement d is fitted [–]
+    - `share`: share of ∫v² dt of the record that the pulse explains, with the velocity v, or the displacement
+      if this is fitted [–]
     - `quantity`: the fitted quantity, `"velocity"` or `"displacement"`
     """
 
@@ -196,8 +196,12 @@ def _starting_pulses(velocity: np.ndarray, dt: float, frequencies: np.ndarray) -
 
 
 def _best_pulse(velocity: np.ndarray, dt: float, f_p: float, gamma: float) -> tuple[float, ...]:
-    """Return the best pulse with the frequency f_p and γ oscillations, as (explained part of Σv², time of the
-    centre, A, γ, ν)."""
+    """Return the best pulse with a frequency and a number of oscillations: the explained part of Σv² [m²/s²],
+    the time of its centre [s], A [m/s], γ [–] and ν [rad].
+
+    - `velocity`, `dt`: velocity of the record, shape (n,) [m/s], and its sampling interval [s]
+    - `f_p`, `gamma`: frequency [Hz] and number of oscillations γ [–] of the pulse
+    """
     from scipy.signal import fftconvolve
 
     half_count = math.floor(0.5 * gamma / f_p / dt)  # number of samples in half of the pulse

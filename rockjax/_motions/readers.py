@@ -26,10 +26,10 @@ def read_motion(
 
     The suffix or the first lines determine the format: PEER's `.AT2`; volume 2 of CSMIP, of COSMOS and of
     GeoNet (`.V2`, `.V2c`, `.V2A`); SMC; ESM, ITACA and AFAD (`KEY: value`), AFAD's older text; K-NET and
-    KiK-net (`.NS`, `.EW`, `.UD`, `.NS1` …); text with one column, or with times and accelerations, which may
-    have comments (`#`, `%`, `!`), headings such as `time [ms],Acc (cm/s2)`, and columns separated by blanks,
-    commas, semicolons or tabs; NumPy's `.npy`; and miniSEED, SAC and GSE2 with ObsPy, which the extra
-    `rockjax[records]` installs.
+    KiK-net (`.NS`, `.EW`, `.UD`, `.NS1` …); text with one column, or with times and accelerations; NumPy's
+    `.npy`; and miniSEED, SAC and GSE2 with ObsPy, which the extra `rockjax[records]` installs. Text may have
+    comments (`#`, `%`, `!`) and headings such as `time [ms],Acc (cm/s2)`; blanks, commas, semicolons or tabs
+    separate its columns.
 
     - `path`: file to read
     - `units`: `"g"`, `"m/s2"`, `"cm/s2"`, `"gal"` or `"mm/s2"`; required if the file does not state its unit
@@ -41,9 +41,9 @@ def read_motion(
     motion, for headings that are unknown or contradict `units` or `dt`, and for gaps. If a channel must
     be chosen, the message lists the channels.
 
-    Warns ([`rockjax.RecordWarning`][]) if PGA is above 3 g or below 1e-4 g; if `units="m/s2"` was passed
-    and PGA is below 0.05 g; if the sampling interval is above 0.1 s or below 1e-4 s; if the file is
-    damaged; if the data are raw; and if the final velocity is more than a fifth of PGV.
+    Warns ([`rockjax.RecordWarning`][]) if the file is damaged or its data are raw, and if the values look
+    wrong: PGA above 3 g or below 1e-4 g (below 0.05 g with `units="m/s2"`), a sampling interval above 0.1 s
+    or below 1e-4 s, or a final velocity of more than a fifth of PGV.
     """
     motion = read(path, units, dt, component)
     warn_if_implausible(motion, str(path), stacklevel=3, unit_from_user=units is not None)

@@ -75,16 +75,29 @@ def _normal(seed: int, k: int, count: int) -> np.ndarray:
 
 
 def _noise(seed: int, k: int, count: int, dt: float, soil: Soil) -> np.ndarray:
-    """Return stationary noise with the soil's spectral density. The noise is computed at twice the length,
-    because an FFT filter is periodic."""
+    """Return stationary noise with the soil's spectral density, shape (count,).
+
+    The noise is computed at twice the length, because an FFT filter is periodic.
+
+    - `seed`, `k`: seed, and index of the motion
+    - `count`, `dt`: number of samples, and sampling interval [s]
+    - `soil`: parameters of the spectral density
+    """
     white = np.fft.rfft(_normal(seed, k, 2 * count))
     omega = 2 * math.pi * np.fft.rfftfreq(2 * count, dt)
     return np.fft.irfft(white * np.sqrt(spectral_density(omega, soil)), 2 * count)[:count]
 
 
 def _end_at_rest(acceleration: np.ndarray, dt: float, weight: np.ndarray, at_origin: bool) -> np.ndarray:
-    """Subtract `weight` times a constant from the acceleration, so that the velocity ends at zero. With
-    `at_origin`, subtract `weight` times a straight line, so that the displacement also ends at zero."""
+    """Return the acceleration of a motion that ends at rest.
+
+    `weight` times a constant is subtracted, so that the velocity ends at zero; with `at_origin`, `weight`
+    times a straight line, so that the displacement also ends at zero.
+
+    - `acceleration`, `dt`: samples, shape (n,) [m/s²], and sampling interval [s]
+    - `weight`: shape of the correction, (n,) [–]
+    - `at_origin`: whether the displacement ends at zero too
+    """
 
     def final_values(a):
         motion = Motion(a, dt)

@@ -29,8 +29,8 @@ def effective_friction(friction: float, vertical: float, g: float) -> float:
 def sliding_demand(motion: Motion, capacity: float) -> tuple[float, float]:
     """Return the largest spectral acceleration at 10 % damping [m/s²], and the frequency f_es [Hz].
 
-    f_es is the lowest frequency at which the spectrum reaches `capacity`. It is nan if the spectrum is lower
-    at all periods from 2 dt to 10 s, where dt is the time step of the motion.
+    f_es is the lowest frequency at which the spectrum reaches `capacity`; nan if the spectrum is below
+    `capacity` at all periods from 2 dt to 10 s, with the sampling interval dt of the motion.
 
     - `motion`: ground motion
     - `capacity`: capacity c_s for sliding [m/s²]

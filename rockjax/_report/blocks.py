@@ -292,8 +292,8 @@ class Page:
     - `origin`: label → text below `head`, such as "Problem file" and "Command"
     - `footer`: text at the foot of printed pages
 
-    Raises `ValueError` if two sections have the same number, two tables the same name, or two rows or parts
-    of figures the same id; for links without a target; and for empty texts.
+    Raises `ValueError` for empty texts, for links without a target, and for repeated numbers of sections,
+    names of tables, and ids of rows and of parts of figures.
     """
 
     title: str

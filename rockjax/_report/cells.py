@@ -17,7 +17,12 @@ if TYPE_CHECKING:
 def number_cell(
     value: Any, kind: str, error: Any = None, text: str = "none", note: str = ""
 ) -> Quantity | TextCell:
-    """Return a cell with a number, or with `text` if the number is not finite."""
+    """Return a cell with a number, or with `text` if the number is not finite.
+
+    - `value`, `kind`: the number [SI], and what it measures, one of `units.KINDS`
+    - `error`: its estimated error [SI]; None, or not finite, if it is unknown
+    - `text`, `note`: text that replaces the number, and a second line in the cell
+    """
     value = float(value)
     if not math.isfinite(value):
         return TextCell(text, "none", note=note)
@@ -26,7 +31,14 @@ def number_cell(
 
 
 def peak_cell(data: xarray.Dataset, k: int, value: Any, kind: str, error: Any = None) -> Quantity | TextCell:
-    """Return a cell with a peak of scene `k`; if it overturns, with the time of overturning as a note."""
+    """Return a cell with a peak of a scene.
+
+    A text replaces the peak of a scene that did not finish, and an infinite peak, for which a joint opens. If
+    the columns overturn, the time of overturning is a note.
+
+    - `data`, `k`: peaks along `motion`, and the index of the scene
+    - `value`, `kind`, `error`: as for `number_cell`
+    """
     code = int(data["result"].values[k])
     if results.did_not_finish(code):
         return TextCell(results.NAMES[code].replace("_", " "), "unanswered")

@@ -45,11 +45,9 @@ def log_slopes(scenes: Scenes, entry: Entry, functions: Mapping[int, SlopesFunct
 
     problem, motions = scenes.problem, list(functions)
     names = [*problem.variables, *(["motion"] if entry.motions else [])]
-    motion_inputs = [scenes.motion_set(entry.motions).inputs[k] for k in motions] if entry.motions else []
+    identities = [scenes.motion_set(entry.motions).identities[k] for k in motions] if entry.motions else []
     joints, settings = problem.joints.model_dump(), (entry.kind, dict(entry.arguments))
-    inputs_hash = fingerprint(
-        problem.podium, motion_inputs, problem.options, settings, names, motions, joints
-    )
+    inputs_hash = fingerprint(problem.podium, identities, problem.options, settings, names, motions, joints)
 
     def solve() -> xarray.Dataset:
         scenes.describe(f"derivatives of {entry.id}")
@@ -69,8 +67,9 @@ def slopes_of(
 ) -> SlopesFunction:
     """Return a function that computes the value and the derivatives of `function`.
 
-    - `function`: function (podium, logs) ↦ value. The podium is already varied by `logs`, (n + 1,); `logs`
-      serves for what else depends on the factors, such as the motion
+    - `function`: function (podium, logs) ↦ value, with the logarithms `logs` of the factors, (n + 1,). The
+      podium is already multiplied by its factors; the function itself applies the factor on the motion,
+      exp(logs[-1])
     - `jit`: whether to compile it as one program, instead of one program for each operation. Functions that
       solve scenes need no jit
     """
@@ -95,12 +94,13 @@ def scene_answers(scenes: Scenes, name: str, motion: int) -> dict[str, tuple[np.
     One solution gives the derivatives of all outputs. Motions of the same class and padded length share one
     compiled program.
 
-    - `name`: the set; `motion`: index of the motion
+    - `scenes`: the scenes of the problem
+    - `name`: name of the set of motions; `motion`: index of the motion in the set
     """
     problem, motions = scenes.problem, scenes.motion_set(name)
     excitation = motions.excitations[motion]
     options = problem.options.replace(outputs=tuple(scenes.needed[name].outputs), throw=False)
-    inputs_hash = fingerprint(problem.podium, motions.inputs[motion], options, problem.variables)
+    inputs_hash = fingerprint(problem.podium, motions.identities[motion], options, problem.variables)
 
     def solve() -> xarray.Dataset:
         scenes.describe(f"derivatives of {motions.names[motion]}")
@@ -125,7 +125,13 @@ def leaf_directions(
     problem: Problem, excitation: AbstractExcitation, with_elevation: bool
 ) -> list[np.ndarray]:
     """Return the derivative of each leaf of (podium.split_rows(), excitation.common_form()) with respect to
-    the logarithms, (n + 1,). Only those of scalar leaves are used; others are placeholders."""
+    the logarithms, (n + 1,).
+
+    Solutions have derivatives with respect to scalar leaves only; the entries of other leaves are not used.
+
+    - `problem`, `excitation`: the problem, and the motion of the scene
+    - `with_elevation`: whether the podium has its elevation
+    """
     count, split = len(problem.variables), problem.split_derivatives
     of_podium = jax.tree.leaves(split if with_elevation else split.without_elevation())
     # Each leaf is constant or proportional to the factor, so its change from factor 1 to factor 2 is its

@@ -11,8 +11,8 @@ import numpy as np
 
 from rockjax._responses.estimate import SAFETY
 
+from .assemble import tables_of
 from .assumptions import ASSUMPTIONS, INVALIDATING, Outcome
-from .contents import tables_of
 from .derivatives import log_slopes
 from .entry import Entry
 from .evaluation import Check, Evaluation
@@ -159,9 +159,11 @@ def _quantile(y: np.ndarray, share: float) -> float:
 def utilisations_of(
     value: float, error: float, limit: float, is_minimum: bool, error_factor: float = SAFETY
 ) -> tuple[float, float, float]:
-    """Return the least, estimated and largest utilisation for a value with an error.
+    """Return the least, estimated and largest utilisation for a value with an error [–].
 
-    The least and the largest belong to value ± `error_factor` · error.
+    - `value`, `error`, `limit`: the value, its estimated error and its limit [SI]
+    - `is_minimum`: whether the value must be at least the limit
+    - `error_factor`: the least and the largest utilisation belong to value ± `error_factor` · error
     """
 
     def utilisation(y: float) -> float:
@@ -217,8 +219,11 @@ def _sensitivities(check: Check, scenes: Scenes) -> dict[str, float]:
 
 
 def _repeat(check: Check, scenes: Scenes, law: str | None = None, variation: str = "") -> Any:
-    """Evaluate a check again for another law of impact or a variation. Return the result of
-    `utilisations_of`, and the values."""
+    """Evaluate a check again and return the result of `utilisations_of`, and the values.
+
+    - `check`, `scenes`: the check, and the scenes of the problem
+    - `law`, `variation`: law of impact and variation, as for `Kind.values`
+    """
     values = check.kind.values(check.entry, scenes, law, variation)
     value, error, _ = statistic_of(values, check.statistic, check.kind.is_minimum)
     limit, is_minimum = check.entry.limit, check.kind.is_minimum

@@ -146,7 +146,11 @@ def elevation_drawing(
 
 
 def _draw_structure(ax: Axes, podium: Podium, units: Units, column_mass: float | None, columns: int) -> None:
-    """Draw ground, columns, beam and floors, with heights at the left and masses at the right."""
+    """Draw ground, columns, beam and floors, with heights at the left and masses at the right.
+
+    - `ax`: axes to draw into
+    - `podium`, `units`, `column_mass`, `columns`: as for `elevation_drawing`
+    """
     width, height = float(podium.width), float(podium.height)
     positions, count, has_positions = _column_positions(podium, width, height, columns)
     depth = float(podium.elevation.beam_depth) if podium.elevation is not None else 0.0  # pyright: ignore
@@ -201,7 +205,11 @@ def _column_positions(
     podium: Podium, width: float, height: float, columns: int
 ) -> tuple[np.ndarray, int, bool]:
     """Return the distinct positions x of columns [m], the number of columns, and whether the positions come
-    from the podium."""
+    from the podium.
+
+    - `podium`: the structure; `width`, `height`: of a column [m]
+    - `columns`: number of columns of a podium without an elevation
+    """
     if podium.elevation is None:
         spacing = max(0.9 * height, 2.5 * width)
         return spacing * (np.arange(columns) - 0.5 * (columns - 1)), columns, False
@@ -268,7 +276,11 @@ def _story_dimensions(
 
 
 def _draw_column(ax: Axes, podium: Podium, units: Units, rotation: float | None, label: str) -> None:
-    """Draw a column upright and rotated about its right edge, with its dimensions."""
+    """Draw a column upright and rotated about its right edge, with its dimensions.
+
+    - `ax`: axes to draw into
+    - `podium`, `units`, `rotation`, `label`: as for `elevation_drawing`
+    """
     alpha, R = float(podium.alpha), float(podium.R)
     width, height = float(podium.width), float(podium.height)
     angle = min(abs(rotation or 0.0), alpha)
@@ -324,7 +336,10 @@ def _draw_dimension(
     ax: Axes, start: tuple[float, float], end: tuple[float, float], text: str, *, is_short: bool = False
 ) -> None:
     """Draw a dimension line with oblique ticks, and its text above a horizontal or left of a vertical line.
-    The text of a vertical line runs along the line, unless `is_short`."""
+
+    - `ax`: axes to draw into; `start`, `end`: ends of the line (x, y) [m]; `text`: the text
+    - `is_short`: whether the text of a vertical line is horizontal, because it is longer than the line
+    """
     (x0, y0), (x1, y1) = start, end
     is_vertical = x0 == x1
     ax.plot([x0, x1], [y0, y1], color="#000000", ls="-", lw=0.6, marker=(2, 2, -45), ms=7)

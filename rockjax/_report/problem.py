@@ -76,7 +76,7 @@ class MotionSet:
         return tuple(map(hash_of, self.members))
 
     @property
-    def inputs(self) -> tuple[str, ...]:
+    def identities(self) -> tuple[str, ...]:
         """Text for each motion that changes whenever its answers may change: the hash, and the sampling
         intervals of a record."""
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from rockjax._files import write_atomically
 
-from .contents import page_of, units_of
+from .assemble import page_of, units_of
 from .evaluate import evaluate
 from .evaluation import Evaluation
 from .problem import Problem
@@ -109,8 +109,9 @@ def report(
     - `skip`, `progress`: as for [`rockjax.evaluate`][]; unused for an `Evaluation`
     - `command`: the command line that makes the report, shown at the head of the page
 
-    Returns a [`rockjax.Report`][]. Raises `ValueError` before anything is solved for an invalid file, for
-    unknown units, and for an `output` that is not .html (print the page from a browser to get a PDF).
+    Returns a [`rockjax.Report`][]. Raises `ValueError` for an invalid file, for unknown units, and for an
+    `output` that is not .html; the error comes before anything is solved. For a PDF, print the page from a
+    browser.
     """
     path = None if output is None else Path(output)
     if path is not None and path.suffix.lower() not in (".html", ".htm"):

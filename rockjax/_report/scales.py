@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 
 MAX_SCALE = 10.0  # largest factor in the search for overturning
 JUST_BELOW = 1 - 1e-6  # a boundary times this factor gives a scene just below the boundary
-WINDOW_FACTORS = 1 + np.geomspace(1e-6, 1.0, 32)  # points above a boundary where a window may end
+# The search for the end of a window of overturning evaluates these multiples of the least overturning factor.
+WINDOW_FACTORS = 1 + np.geomspace(1e-6, 1.0, 32)
 BOUNDARY_ERROR = 1e-9  # relative error of overturning factors at the tolerances of boundaries
 
 
@@ -44,10 +45,11 @@ def least_factors(scenes: Scenes, name: str, event: str) -> xarray.Dataset:
     `overturns_again_from`. These factors are searched up to twice the least factor, and NaN if they are not
     found. Narrow windows may be missed.
 
-    - `name`: the set; `event`: "uplift" or "overturning"
+    - `scenes`: the scenes of the problem
+    - `name`: name of the set; `event`: "uplift" or "overturning"
     """
     motions, podium, options = scenes.motion_set(name), scenes.problem.podium, scenes.problem.options
-    inputs_hash = fingerprint(podium, motions.inputs, options, event, MAX_SCALE, WINDOW_FACTORS)
+    inputs_hash = fingerprint(podium, motions.identities, options, event, MAX_SCALE, WINDOW_FACTORS)
     solve = _uplift if event == "uplift" else _overturning
     return scenes.store.get(f"scales.{name}.{event}", inputs_hash, lambda: solve(scenes, motions))
 
@@ -62,7 +64,7 @@ def _uplift(scenes: Scenes, motions: MotionSet) -> xarray.Dataset:
 
     scenes.describe(f"uplift factors of {motions.name}")
     factor = _estimate_uplift_factors(scenes, motions)
-    # Close to uplift, the factor and the scenes have the same relative error.
+    # A second solution at 0.9 times the factor, without uplift, gives the factor and its error.
     excitations = [y.scaled(0.9 * f) for y, f in zip(motions.excitations, factor, strict=True)]
     data = scenes.solve(scenes.problem.podium, excitations, _uplift_options(scenes.problem), ("motion",))
     factor = 0.9 * factor / data["uplift_ratio"].values
@@ -94,7 +96,7 @@ def _overturning(scenes: Scenes, motions: MotionSet) -> xarray.Dataset:
     import xarray
 
     scenes.describe(f"overturning factors of {motions.name}")
-    options = boundary_options(scenes.problem)["options"]
+    options = boundary_options(scenes.problem)
     plane = _scaled_motions(scenes.problem.podium, motions)
     found = scan(plane, np.arange(len(motions)), (0.0, MAX_SCALE), ROW_SIZE, options, first_only=True)
     factors, _ = found.crossings.first(len(motions))
@@ -152,13 +154,18 @@ def _window_ends(plane: Plane, factors: np.ndarray, options: Options) -> tuple[n
     return ends[0], ends[1]
 
 
-def boundary_options(problem: Problem) -> dict[str, Any]:
-    """Return the keyword arguments of searches for boundaries of overturning."""
-    return {"options": BOUNDARY.replace(overturn_ratio=problem.options.overturn_ratio)}
+def boundary_options(problem: Problem) -> Options:
+    """Return the options of searches for boundaries of overturning."""
+    return BOUNDARY.replace(overturn_ratio=problem.options.overturn_ratio)
 
 
 def least_factor_slopes(scenes: Scenes, event: str, name: str, motion: int) -> SlopesFunction:
-    """Return a function that computes the least factor on a motion, and its derivatives."""
+    """Return a function that computes the least factor on a motion, and its derivatives.
+
+    - `scenes`: the scenes of the problem
+    - `event`: "uplift" or "overturning"
+    - `name`: name of the set of motions; `motion`: index of the motion in the set
+    """
     problem, excitation = scenes.problem, scenes.motion_set(name).excitations[motion]
     factor = float(least_factors(scenes, name, event)["factor"][motion])
     if event == "overturning":
@@ -176,7 +183,7 @@ def least_factor_slopes(scenes: Scenes, event: str, name: str, motion: int) -> S
 def _overturning_slopes(problem: Problem, excitation: AbstractExcitation, factor: float) -> np.ndarray:
     """Return the derivatives of the least overturning factor on a motion, (n + 1,)."""
     podium = problem.podium.split_rows().without_elevation()
-    options = boundary_options(problem)["options"]
+    options = boundary_options(problem)
     slopes, positions = boundary_slopes(podium, excitation, factor, MAX_SCALE, options)
     directions = leaf_directions(problem, excitation, with_elevation=False)
     return slopes @ np.array([directions[i] for i in positions])

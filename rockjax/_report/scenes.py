@@ -123,7 +123,7 @@ class Scenes:
             return self._variants(name, factor).sel(variant=variant)
         motions, options, podium = self.motion_set(name), self.options(name), self.problem.podium
         on_floors = self.on_floors(name)
-        inputs_hash = fingerprint(podium, motions.inputs, options, on_floors, factor)
+        inputs_hash = fingerprint(podium, motions.identities, options, on_floors, factor)
 
         def solve() -> xarray.Dataset:
             self.describe(f"scenes of {name}")
@@ -140,7 +140,7 @@ class Scenes:
         podiums = [y.replace(restitution=float(y.restitution_factor)) for y in podiums]
         names = (*self.laws, *self.variations)
         scales = factor * np.array([1.0] * len(self.laws) + [self._motion_factor(y) for y in self.variations])
-        inputs_hash = fingerprint(podiums, scales, motions.inputs, options, on_floors)
+        inputs_hash = fingerprint(podiums, scales, motions.identities, options, on_floors)
 
         def solve() -> xarray.Dataset:
             self.describe(f"scenes of {name} with other laws of impact and changed inputs")
@@ -156,8 +156,12 @@ class Scenes:
     def _with_floor_errors(
         self, data: xarray.Dataset, excitations: Any, options: Options, on_floors: dict[str, Any]
     ) -> xarray.Dataset:
-        """Add the estimated errors of blocks and oscillators on floors to peaks. The error is the difference
-        from a second solution, and inf where a block overturns in only one of the two solutions."""
+        """Return peaks with the estimated errors of blocks and oscillators on floors.
+
+        The error is the difference from a second solution, and inf where a block overturns in only one of the
+        two solutions. The arguments are the peaks, and the motions, options and objects on floors of their
+        scenes.
+        """
         if not on_floors:
             return data
         finer = second_options(options).replace(outputs=("peak_rotation",))
@@ -227,7 +231,7 @@ class Scenes:
 
         motions, podium = self.motion_set(name), self.problem.podium
         options = self.problem.options.replace(throw=False)
-        inputs_hash = fingerprint(podium, motions.inputs[motion], options)
+        inputs_hash = fingerprint(podium, motions.identities[motion], options)
 
         def solve() -> xarray.Dataset:
             self.describe(f"history of {motions.names[motion]}")

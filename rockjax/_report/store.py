@@ -121,6 +121,7 @@ class Store:
 
         from rockjax._files import CONVENTIONS, write_atomically
 
+        # A DataTree opens the file once; `_files.write_dataset` opens it again for every group.
         attrs = {"title": "Scenes of a report", "kind": "report", "Conventions": CONVENTIONS}
         tree = xarray.DataTree.from_dict({"/": xarray.Dataset(attrs=attrs), **self.data})
         write_atomically(path, lambda name: tree.to_netcdf(name, engine="netcdf4"))

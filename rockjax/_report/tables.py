@@ -151,8 +151,12 @@ class Code:
 
 @dataclasses.dataclass(frozen=True)
 class Link:
-    """A part of a text that leads to an anchor of the page: to section 4 by "s4", to a check by
-    `blocks.check_anchor("C1")`, to the row of a table with the id "A7" by "A7"."""
+    """A part of a text that leads to an anchor of the page.
+
+    - `text`: the shown text
+    - `target`: the anchor: "s4" of section 4, `blocks.check_anchor("C1")` of a check, or the id of a row of a
+      table, such as "A7"
+    """
 
     text: str
     target: str

@@ -154,7 +154,12 @@ class Units:
 
 
 def in_unit(value: float, unit: str, kind: str, g: float = STANDARD_GRAVITY) -> float:
-    """Convert a value of a kind from SI to a unit. `g`: gravity [m/s²]."""
+    """Convert a value from SI to a unit.
+
+    - `value`, `kind`: the value [SI], and what it measures, one of `KINDS`
+    - `unit`: name of a unit of this kind
+    - `g`: gravity [m/s²], the size of the unit "g"
+    """
     size = size_of(unit, kind, g)
     # 0.001 is not exact in binary: multiplying by 1000 rounds once, dividing by 0.001 twice.
     return value * round(1 / size) if size in (1e-2, 1e-3) else value / size
@@ -195,7 +200,9 @@ def to_si(
 def unit_of_kind(unit: str, kind: str, *, owner: str = "unit", subject: str = "") -> str:
     """Return the name in `KINDS` of a unit that a user has written.
 
-    Arguments and errors are those of `to_si`.
+    - `unit`, `kind`, `owner`, `subject`: as for `to_si`
+
+    Raises `ValueError` if the unit is unknown or of another kind.
     """
     entry = KINDS[kind]
     name = _alias(unit)

@@ -70,11 +70,11 @@ jax.tree_util.register_dataclass(AnnualFrequency, ["frequency", "extrapolated", 
 def annual_frequency(curve: Lognormal | xarray.Dataset, hazard: Hazard) -> AnnualFrequency:
     """Return the mean annual frequency of overturning, or of the limit state of a fragility.
 
-    - `curve`: a [`rockjax.Lognormal`][] in the units of the hazard; a dataset of [`rockjax.fragility`][], of
-      [`rockjax.read_fragility_model`][] (with its limits) or of [`rockjax.contents_fragility`][] (one curve,
-      selected by `contents` and `damage_state`); or a dataset of
-      [`rockjax.incremental_dynamic_analysis`][], whose shares of overturned records are interpolated
-      linearly between the levels, so that survival windows count
+    - `curve`: a [`rockjax.Lognormal`][] in the units of the hazard; or a dataset of [`rockjax.fragility`][],
+      [`rockjax.read_fragility_model`][], [`rockjax.contents_fragility`][] or
+      [`rockjax.incremental_dynamic_analysis`][]. Limits of a fragility model are applied. Of the curves of
+      contents, one must be selected by `contents` and `damage_state`. The shares of overturned records in an
+      analysis are interpolated linearly between the levels, so that survival windows count
     - `hazard`: a [`rockjax.Hazard`][] of the same intensity measure, in the same units
 
     The integral is evaluated in closed form on every segment of the hazard curve. For a `Lognormal` the
@@ -146,10 +146,13 @@ def read_limits(curve: xarray.Dataset) -> integral.Limits:
 def _limited_probability(
     curve: Lognormal, x: np.ndarray, limits: integral.Limits, first: float
 ) -> np.ndarray:
-    """Return P at intensities x (n,), with limits applied.
+    """Return the probability P of a fragility curve, shape (n,), with limits applied.
 
-    A limit may hold P constant at low intensities. Then P is 0 at intensities below both this limit and
-    `first`, the first point of the hazard curve.
+    A limit may hold P constant at low intensities. Then P is 0 at intensities below both this limit and the
+    first point of the hazard curve.
+
+    - `curve`, `limits`: the fragility curve and its limits
+    - `x`: intensities, shape (n,); `first`: first intensity of the hazard curve
     """
     low, high = limits.constant_below or 0.0, limits.constant_above or np.inf
     probability = np.asarray(curve.probability(jnp.asarray(np.clip(x, low, high))))
@@ -224,8 +227,8 @@ def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -
     The contribution is the density F(x) |dλ/d ln x| divided by the frequency. Its integral over ln x is 1.
 
     - `curve`, `hazard`: as for [`rockjax.annual_frequency`][], but the curve must be lognormal
-    - `at`: intensities (n,), > 0; by default 400 values, from 1/1000 of the median or of the hazard's first
-      point, whichever is smaller, to 10 times the median or the last point, whichever is larger
+    - `at`: intensities (n,), > 0; by default 400 values, from a thousandth of the smaller of the median and
+      the first point of the hazard, to ten times the larger of the median and the last point
 
     Returns a dataset over `intensity` with `density` [–], which jumps where the slope of the hazard curve
     jumps, `hazard` [1/year] and `fragility` [–]. `given` holds the rates at the points of the hazard curve,

@@ -170,7 +170,12 @@ def _investigation_years(comments: list[_Row]) -> float | None:
 def _annual_rates(
     path: str | Path, heading: Heading, table: np.ndarray, years: float | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return intensities and annual rates, from a table (n, 2) and the heading of its second column."""
+    """Return intensities and annual rates (n,), in the unit of the intensities and [1/year].
+
+    - `path`: path of the file, for messages
+    - `heading`: heading of the second column; `table`: the numbers, shape (n, 2)
+    - `years`: investigation time of probabilities whose heading has none; None if it is unknown
+    """
     quoted = f"{path}: heading {heading.text.strip()!r}"
     x, values = table[:, 0], table[:, 1] * (UNITS["%"].factor if heading.unit == "%" else 1.0)
     if heading.kind == "rate":
@@ -326,10 +331,10 @@ def read_fragility_model(path: str | Path) -> dict[str, xarray.Dataset]:
 
     Returns structure → dataset, or `structure/limit state` → dataset for structures with several limit
     states. A dataset has `median_capacity` and `dispersion`, and can be the `curve` of
-    [`rockjax.annual_frequency`][]. The dataset also has the limits in the file: `no_damage_limit`, up to
-    which P = 0, and `min_intensity` and `max_intensity` (minIML, maxIML), below and above which P has its
-    value at the limit. As in OpenQuake, a limit of 0 means no limit, and intensities are clipped to the range
-    from minIML to maxIML before `no_damage_limit` applies. Raises `ValueError` for other files, other shapes
+    [`rockjax.annual_frequency`][]. The dataset also has the limits in the file. Up to `no_damage_limit`,
+    P = 0. Below `min_intensity` (minIML) and above `max_intensity` (maxIML), P has its value at the limit. As
+    in OpenQuake, a limit of 0 means no limit, and intensities are clipped to the range from minIML to maxIML
+    before `no_damage_limit` applies. Raises `ValueError` for other files, other shapes
     of curves, and limits that exclude all intensities.
     """
     try:

@@ -69,7 +69,10 @@ class Hazard(Module):
         return jnp.log(self.intensity), jnp.log(self.annual_rate)
 
     def intensity_at(self, annual_rate) -> Float[Array, "*m"]:
-        """Return the intensities [`units`] that are exceeded at annual rates [1/year]."""
+        """Return the intensities [`units`] that are exceeded at annual rates > 0 [1/year].
+
+        Raises `ValueError` for other rates, and for a curve with equal rates, which has no inverse.
+        """
         rate = np.asarray(annual_rate, float)
         require("Hazard.intensity_at", "annual_rate", rate, lambda v: v > 0, "finite and > 0")
         log_x, log_rate = (np.asarray(y) for y in self.logarithms)

@@ -21,7 +21,8 @@ class Contributions(NamedTuple):
     """Contributions of parts of a hazard curve to ∫ F |dλ| [1/year].
 
     - `below`: contribution of intensities below the first point of the hazard curve
-    - `between`: contributions of the pieces between the first and the last point
+    - `between`: contributions of the pieces of the curve between the first and the last point, and of
+      intensities at which limits hold the fragility constant
     - `above`: contribution of intensities above the last point
     """
 

@@ -4,12 +4,12 @@ A ray is a half-line from u = 0 in a direction e. Its probability of failure is 
 its crossings r with the surface of failure: + where the ray enters failure, − where it leaves. Q is the upper
 tail of the chi distribution (the distribution of |u|). The mean over all directions is P = E q(e). The
 directions of failing samples of a first structure (index 0) have the density q₀/P₀ relative to all
-directions, so for another structure, with u multiplied by k,
+directions. For another structure, with u multiplied by k, the probability is therefore
 
-    P(k) = P₀ E[q(e; k)/q₀(e)]
+    P(k) = P₀ E[q(e; k)/q₀(e)],
 
-is a mean over the same directions. P(k) is as smooth as the positions of the crossings, whose derivatives
-follow from the implicit function theorem, and the sampling error of P₀ is common to all structures.
+a mean over the same directions. P(k) is as smooth as the positions of the crossings, whose derivatives follow
+from the implicit function theorem. The sampling error of P₀ is common to all structures.
 """
 
 from __future__ import annotations
@@ -186,9 +186,9 @@ def _find_factor(limit: AbstractLimitState, probability: float, rng) -> tuple[fl
 class _RayScan:
     """Extensible scan of rays for crossings with the surface of failure.
 
-    Positions on a ray are exp(`step`·i) for integers `first` ≤ i < `stop`. The crossings are described by
-    `line`, `r` and `survivor`, which are `line`, `position` and `survivor` of `LineCrossings`, and by `sign`,
-    which is 1 where a ray enters failure and −1 where it leaves.
+    Positions on a ray are exp(`step`·i) for integers `first` ≤ i < `stop`. The attributes `line`, `r` and
+    `survivor` describe the crossings, as `line`, `position` and `survivor` of `LineCrossings` do. The
+    attribute `sign` is 1 where a ray enters failure and −1 where it leaves.
     """
 
     def __init__(self, limit: AbstractLimitState, directions: np.ndarray, guess: float):
@@ -289,7 +289,10 @@ def solve_factor(
 def _move_to_roots(
     limit: StructureLimitState, rays: Rays, scan: _RayScan, names: Sequence[str]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Move crossings to the roots of G by Newton steps.
+    """Move the crossings of a scan to the roots of G by Newton steps.
+
+    - `limit`, `rays`, `names`: as for `solve_factor`
+    - `scan`: scan with crossings, which are moved in place
 
     Returns a mask of the crossings at which G jumps, shape (k,), and the derivatives of G at all crossings
     with respect to ln r, shape (k,), and to the logarithms of named parameters, shape (k, names).
@@ -308,7 +311,8 @@ def _move_to_roots(
 
 
 def _scan_near(limit, rays: Rays, probability: float, guess: float) -> tuple[_RayScan, float]:
-    """Return a scan wide enough for the target probability, and the approximate factor k."""
+    """Return a scan wide enough for the target probability, and the approximate factor k. The arguments are
+    those of `solve_factor`."""
     scan, low, high = _RayScan(limit, rays.directions, guess), guess / RANGE_FACTOR, guess * RANGE_FACTOR
     while True:
         at_low, at_high = (float(rays.weights @ scan.probabilities(k)) for k in (low, high))
@@ -331,9 +335,12 @@ def probability_at(limit: AbstractLimitState, rays: Rays, factor: float) -> floa
 
 
 def _root(scan: _RayScan, weights: np.ndarray, probability: float, guess: float) -> float:
-    """Return the k near a guess at which P(k) has its target value.
+    """Return the factor k at which P(k) has its target value.
 
     Beyond the scanned positions, rays are taken to fail or survive as at the outermost positions.
+
+    - `scan`, `weights`: scan of the rays, and their weights in P(k), shape (m,)
+    - `probability`: the target value; `guess`: first value of k
     """
 
     def log_error(log_k: float) -> float:

@@ -244,7 +244,12 @@ def _to_result(
     cov: float,
     slopes: ProbabilitySlopes | None,
 ) -> FailureProbability:
-    """Return the result of `estimate_probability` from an estimate and the derivatives of P, if any."""
+    """Return the result of `estimate_probability`.
+
+    - `estimate`: the last estimate; `estimator`: the estimator that has made it
+    - `limit`, `method`, `cov`: as for `estimate_probability`
+    - `slopes`: derivatives of the probability, or None
+    """
     points = estimator.points
     first_order = first_order_probability(points)
     low, high = estimate.interval

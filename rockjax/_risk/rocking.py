@@ -63,17 +63,17 @@ def design_points(
 
     - `podium`: podium with scalar parameters
     - `motion`: a [`rockjax.GaussianMotion`][]
-    - `limit`: `"overturning"`, or (name, value), where a peak of at least value > 0 is failure: `"rotation"`
-      max|θ|/α (with a value < 1), `"deformation"` [m], `"shear"` V_s/(m_t g), `"friction"` |T|/N,
-      `"unloading"` 1 − N/N_0, `"foundation shear"` divided by the weight; for a `ShearBuilding` `"drift"` [m]
-      and `"floor acceleration"` [m/s²]. The worst mode, story, floor or joint counts
+    - `limit`: `"overturning"`, or (name, value): a peak of at least value > 0 is failure. Names are
+      `"rotation"` max|θ|/α (with a value < 1), `"deformation"` [m], `"shear"` V_s/(m_t g), `"friction"`
+      |T|/N, `"unloading"` 1 − N/N_0 and `"foundation shear"` divided by the weight; for a `ShearBuilding`
+      also `"drift"` [m] and `"floor acceleration"` [m/s²]. The worst mode, story, floor or joint counts
     - `starts`: number of directions from which searches for design points start, ≥ 1
     - `seed`: seed of the random numbers, ≥ 0; equal seeds give equal results
 
     Returns local minima u of |u| on the limit state, nearest first; without a pulse, −u is also a minimum.
     The limit state has edges where the number of impacts before overturning changes, so some minima are at
-    edges. Φ(−β) is a probability only if the limit state is nearly plane, which it is not in hundreds of
-    dimensions; use [`rockjax.failure_probability`][].
+    edges. Φ(−β) is a probability only if the limit state is nearly plane. It is not plane in hundreds of
+    dimensions; use [`rockjax.failure_probability`][] for probabilities.
 
     Raises `ValueError` for invalid arguments, if the structure fails at rest, and if no motion makes it fail.
     """
@@ -126,7 +126,7 @@ def failure_probability(
 
     With `"line"` the result has `sensitivities`, dP/dy with standard errors for every parameter y of
     structure and ground motion. They need one reverse pass for each crossing of a line with the surface of
-    failure, and leave out the parts of this surface across which the limit-state function G jumps. The share
+    failure. They leave out the parts of this surface across which the limit-state function G jumps; the share
     of these parts is `jumps`.
 
     Raises `ValueError` for invalid arguments and, if the method needs design points, in the same cases as

@@ -6,7 +6,7 @@ of failure changes, G jumps, but r is still defined. The searches from all start
 
 1. At the point r·e the gradient gives the normal a = −∇G/|∇G|, which is the direction of the design point of
    a linear G.
-2. Directions between e and a, at several fractions of the way, are evaluated, and the one with the least r is
+2. Directions on the way from e to a, and somewhat beyond a, are evaluated, and the one with the least r is
    chosen.
 3. The search ends where e and a agree, or where no fraction gives a smaller r: at an edge, where G jumps.
 """
@@ -25,8 +25,8 @@ RAY_POSITIONS = 24  # number of positions on a full ray
 PARTIAL_RAY_POSITIONS = 10  # number of positions on a ray up to the distance at which the direction e fails
 NARROWING_ROUNDS = 3  # number of rounds in which the interval of the first failure is narrowed
 PARTS = 8  # number of equal parts into which a round divides the interval
-# Evaluated fractions of the way to the normal, divided by the previous step's fraction. The best direction
-# may lie beyond the normal.
+# Evaluated fractions of the way to the normal, relative to the best fraction of the previous step. The best
+# direction may lie beyond the normal.
 FRACTIONS = np.array([1.5, 1.0, 0.5])
 MIN_FRACTION = 1 / 64  # smallest fraction of the way to the normal
 ALIGNED = 1e-9  # a search ends if 1 − cos of the angle between e and normal is below this value
@@ -194,7 +194,13 @@ def _descend(limit: AbstractLimitState, e: np.ndarray, r: np.ndarray) -> tuple[n
 
 
 def _step(limit: AbstractLimitState, e, r, normal, fraction) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return distance, direction and fraction of the nearest failure on the way from each e to its normal."""
+    """Return distance, direction and fraction of the nearest failure on the way from each e to its normal.
+
+    - `limit`: limit state
+    - `e`, `r`: directions, shape (s, d), and the distances at which they fail, shape (s,)
+    - `normal`: unit normals at these failures, shape (s, d)
+    - `fraction`: best fraction of the previous step, shape (s,)
+    """
     fractions = fraction[:, None] * FRACTIONS
     candidates = _unit(e[:, None, :] + fractions[..., None] * (normal - e)[:, None, :])
     directions = candidates.reshape(-1, e.shape[1])

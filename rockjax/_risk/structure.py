@@ -135,8 +135,13 @@ class StructureLimitState(AbstractLimitState):
         return peak_responses(self.podium, records, options=options, sensitivities=names)
 
     def log_slopes(self, u: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return G, shape (m,), and its derivatives with respect to ln|u| in the direction of u, shape (m,),
-        and to the logarithms of named parameters of the podium, shape (m, names)."""
+        """Return G and its derivatives, at the rows of u, shape (m, d).
+
+        - `names`: names of parameters of the podium
+
+        The derivatives are with respect to ln|u|, in the direction of u, shape (m,), and with respect to the
+        logarithms of the parameters, shape (m, names). G has the shape (m,).
+        """
         # Without a pulse, the derivative with respect to ln|u| is a sensitivity to the scale of the motion.
         scale_name = () if self.motion.pulse is not None else ("scale",)
         if len(u) == 0:

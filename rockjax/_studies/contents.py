@@ -71,12 +71,12 @@ def contents_fragility(
     Returns a Dataset. `median_capacity` and `dispersion` (dims `contents`, `damage_state`) have the
     confidence intervals `interval` (further dims `quantity`, `bound`), from the jackknife over records.
     `probability` and the band from `lower` to `upper` have the further dim `at`. `counted` (dims `contents`,
-    `intensity`) is the number of records that count at a level: scenes that did not finish or are left out do
-    not count. `observed` (dims `contents`, `damage_state`, `intensity`) is the share of the counted records
-    that reach the state. Answers of the podium, such as `overturned`, have the dims `record` and `intensity`;
+    `intensity`) is the number of records at a level, without scenes that did not finish or are left out.
+    `observed` (dims `contents`, `damage_state`, `intensity`) is the share of the counted records that reach
+    the state. Answers of the podium, such as `overturned`, have the dims `record` and `intensity`;
     answers of the blocks, such as `contents_peak_rotation`, also have `contents`. Curves that the counts do
-    not determine are NaN, and a `RuntimeWarning` names them. Another warning is issued for fewer than five
-    records. A single curve, `data.sel(contents="cabinet", damage_state=1.0)`, is valid for
+    not determine are NaN, and a `RuntimeWarning` names them. Another warning is issued for intervals from
+    fewer than five records. A single curve, `data.sel(contents="cabinet", damage_state=1.0)`, is valid for
     [`rockjax.annual_frequency`][].
 
     Raises `ValueError` for invalid inputs.
@@ -245,7 +245,9 @@ def _warn_of_undetermined(
 ):
     """Warn of curves and intervals that the counts do not determine, and of few records.
 
-    - `no_curve`, `no_interval`: flags, shape (contents, damage states)
+    - `data`: dataset of the curves; `confidence`: confidence level, or None
+    - `no_curve`, `no_interval`: True where the curve or its interval is missing, shape (contents, damage
+      states)
     """
     cure = "use more records, or levels at which some but not all records reach the damage state"
     incomplete = no_interval & ~no_curve if confidence is not None else np.zeros_like(no_curve)

@@ -44,10 +44,10 @@ def fragility(
     - `at`: intensities at which the curve is evaluated, shape (x,), > 0; by default 200 equally spaced
       values up to the highest level
     - `confidence`: confidence level of the intervals and the band, in (0, 1); None omits both
-    - `limit`: a limit state in addition to overturning, the (name, value) of a peak of the analysis, such as
+    - `limit`: a limit state in addition to overturning: (name, value) of a peak of the analysis, such as
       `("peak_friction", 0.3)` or `("least_axial_force", 0.0)`. A scene fails if the podium overturns, if the
-      peak exceeds the value, or if a `least_…` variable is below the value, in at least one mode, story,
-      floor or joint. The `options` of the analysis must request the output that contains this peak
+      peak exceeds the value, or if a `least_…` variable is below it. The worst mode, story, floor or joint
+      counts. The `options` of the analysis must request the output that contains this peak
 
     Returns a Dataset. The scalars `median_capacity` and `dispersion` have the confidence intervals `interval`
     (dims `quantity`, `bound`; with the number of records as an attribute). `probability` and the band from
@@ -113,7 +113,7 @@ class _Outcomes(NamedTuple):
     - `capacity`: least overturning intensity of each record, shape (n,); inf if above the highest level
     - `censor_limit`: lower bound of censored capacities, the highest level for each record, shape (n,)
     - `levels`: levels of intensity, shape (m,)
-    - `overturned`: 1 where a record overturns or exceeds the limit, otherwise 0, shape (n, m)
+    - `overturned`: 1 where a record overturns or is beyond the limit, otherwise 0, shape (n, m)
     """
 
     capacity: np.ndarray
@@ -197,7 +197,11 @@ def _fit(method: str, data: _Outcomes) -> Lognormal:
 
 
 def _dataset(analysis: xarray.Dataset, fit: Lognormal, x: np.ndarray, method: str) -> xarray.Dataset:
-    """Return the dataset of a fitted curve, evaluated at intensities x."""
+    """Return the dataset of a fitted curve.
+
+    - `analysis`: the analysis; `fit`: the curve; `method`: the method of the fit
+    - `x`: intensities at which the curve is evaluated, shape (x,)
+    """
     import xarray
 
     units, measure = analysis["intensity"].attrs["units"], analysis.attrs["measure"]
@@ -223,7 +227,11 @@ def _dataset(analysis: xarray.Dataset, fit: Lognormal, x: np.ndarray, method: st
 def _add_intervals(
     curve: xarray.Dataset, method: str, data: _Outcomes, fit: Lognormal, confidence: float
 ) -> None:
-    """Add intervals and band to the dataset of a curve, in place; warn of few records."""
+    """Add intervals and band to the dataset of a curve, in place; warn of few records.
+
+    - `curve`, `fit`, `method`: dataset of the curve, the curve, and the method of the fit
+    - `data`: outcomes of the records; `confidence`: in (0, 1)
+    """
     records, overturning_records = data.capacity.size, int(np.isfinite(data.capacity).sum())
     count = overturning_records if method == "capacities" else records
     if count < MIN_RECORDS:
@@ -254,7 +262,10 @@ def _intervals_of_capacities(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return profile-likelihood bounds of median and dispersion, and of the probit of the curve.
 
-    The axes are (median or dispersion, lower or upper), and (lower or upper, x).
+    - `data`, `fit`: outcomes of the records, and the fitted curve
+    - `x`: intensities, shape (x,); `confidence`: in (0, 1)
+
+    The axes of the results are (median or dispersion, lower or upper), and (lower or upper, x).
     """
     median, dispersion = float(fit.median), float(fit.dispersion)
     intervals = profile_intervals(

@@ -122,7 +122,7 @@ class Comparison(NamedTuple):
       there are unknown values, D is here the least distance that they allow. For discontinuous distributions
       the `p_value` is too large
     - `lower`, `upper`: confidence interval of the largest distance between the true distributions, from the
-      bands of both samples, (E3) [–]; if `lower` > 0, the distributions differ
+      bands of both samples, (E3) [–]. If `lower` > 0, the distributions differ at this confidence
     - `confidence`: confidence level of the interval [–]
     """
 

@@ -440,7 +440,11 @@ def _checked_confidence(value: float) -> float:
 def _variables(
     dim: str, names: Sequence[str], estimates: empirical.Estimates, attrs: Mapping[str, str]
 ) -> dict[str, Any]:
-    """Return the dataset variables of estimates and their bounds."""
+    """Return the dataset variables of estimates and their bounds.
+
+    - `dim`: name of the axis; `names`: names of estimate, lower and upper bound
+    - `estimates`: the estimates; `attrs`: unit and name of the estimated quantity
+    """
     prefixes = "", "lower bound of the ", "upper bound of the "
     long_name = attrs.get("long_name") or names[0]
     return {

@@ -340,7 +340,8 @@ def _attributes(unit: str, meaning: str) -> dict[str, str]:
 
 
 def broadened(spectrum: xarray.Dataset, ratio: float = 0.15) -> xarray.Dataset:
-    """Broaden the peaks of a floor spectrum by the largest value between T/(1+β) and T/(1−β), (L11).
+    """Return a floor spectrum with broadened peaks: at each period T, the largest value between T/(1+β) and
+    T/(1−β), (L11).
 
     - `spectrum`: result of [`rockjax.floor_spectrum`][] with ascending periods, or of [`rockjax.envelope`][]
     - `ratio`: β, in [0, 1) [–]; 0.15 is usual for nuclear facilities

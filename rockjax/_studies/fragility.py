@@ -80,7 +80,7 @@ def levels_of(
 
     - `podium`, `suite`, `measure`: structure, ground motions and intensity measure
     - `ends`: lowest and highest level. By default the highest level is 6 g tan α times the median ratio
-      of `measure` to the PGA in the suite, and the lowest is the highest divided by `count`
+      of `measure` to PGA in the suite. The default of the lowest level is the highest divided by `count`
     - `count`: number of levels
     """
     if ends is None:
@@ -158,15 +158,15 @@ def incremental_dynamic_analysis(
     """Compute peak responses to scaled records, and the intensities at which the outcome changes.
 
     - `podium`: podium with scalar parameters
-    - `records`: `Motions`, `Records`, or a list of motions or records. Vertical motions (`Motions.paired`, or
-      a list of [`rockjax.GroundMotion`][] of records) are scaled together with the horizontal ones, and the
-      measure refers to the horizontal ones
+    - `records`: `Motions`, `Records`, or a list of motions or records. Vertical components, of
+      `Motions.paired` or of [`rockjax.GroundMotion`][], have the same factors as the horizontal ones. The
+      measure refers to the horizontal components
     - `intensity`: levels to which each record is scaled, shape (m,), > 0 and ascending, in the unit of
       `measure`
     - `measure`: `"PGA"` [m/s²], `"scale"` for factors on the records, or a [`rockjax.Measure`][]
     - `names`: names of the records; by default the names of the motions, or integers from 1
     - `sensitivities`: parameters y of the podium for which d ln(capacity)/d ln y is computed
-    - `width`: the search for the capacity misses no interval of overturning intensities that is wider than
+    - `width`: the search for the capacity finds every interval of overturning intensities that is wider than
       this share of the highest level, in (0, 0.1]
     - `resolution`: number of equal intervals between 0 and the highest level, whose ends are evaluated. More
       intervals show more boundaries above the capacity
@@ -291,8 +291,8 @@ def overturning_distribution(
 
     The function works under `jit`, `vmap` and `grad` with respect to the parameters of `podium`. A record
     that no scale up to `max_scale` overturns counts as censored at `max_scale`, with a derivative of zero.
-    The result is NaN unless at least two capacities differ. Outside jit,
-    [`rockjax.incremental_dynamic_analysis`][] finds the same capacities on all cores.
+    The result is NaN if fewer than two records overturn, or if the least factors of these records are equal.
+    Outside jit, [`rockjax.incremental_dynamic_analysis`][] finds the same capacities on all cores.
 
     - `podium`: podium with scalar parameters
     - `records`: `Motions`, `Records`, or a list of motions or records

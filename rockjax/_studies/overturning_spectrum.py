@@ -58,7 +58,7 @@ def overturning_spectrum(
       parameters of the podium, such as `"alpha"`, `"R"`, `"T_s"`. The other parameters are held constant
     - `resolution`: number of equal intervals of the acceleration whose ends are evaluated first. Intervals in
       which the overturning margin may cross zero are divided further
-    - `width`: the search for the minimum misses no interval of overturning accelerations that is wider than
+    - `width`: the search for the minimum finds every interval of overturning accelerations that is wider than
       this share of `max_acceleration_ratio`, in (0, 0.1]
     - `options`: options of the scenes
     - `progress`: `True` for progress bars, or any object with a method `update(number_of_scenes)`
@@ -69,9 +69,10 @@ def overturning_spectrum(
     - `boundaries` (additional dim `boundary`): accelerations at which the outcome changes, ascending, padded
       with NaN; exact to about 1e-10
     - `impacts` (additional dim `boundary`): impacts before overturning; −1 where there is no boundary
-    - `one_sided`: True where a small change of the parameters may let the minimum jump to a lower branch
-    - `certain_width`: below the minimum, every interval of overturning accelerations wider than this would
-      have been found [a_p/(g tan α)]
+    - `one_sided`: True where a small change of the parameters may make the minimum jump to a much lower
+      acceleration
+    - `certain_width`: largest width that an undetected interval of overturning accelerations below the
+      minimum can have [a_p/(g tan α)]
     - `sensitivity` (additional dim `parameter`): d a_ov/d ln y
 
     Raises `ValueError` for invalid inputs, and `RuntimeError` if at some frequency no scene finishes.
@@ -144,7 +145,12 @@ def _attributes(podium: Podium, pulse, options: Options) -> dict[str, Any]:
 
 
 def _dataset(podium: Podium, pulse, x, search: Scan, derived, options: Options) -> xarray.Dataset:
-    """Return the spectrum at frequency ratios x; `derived`: the `derived_numbers` of the podium."""
+    """Return the spectrum as a dataset.
+
+    - `podium`, `pulse`, `options`: as for `overturning_spectrum`
+    - `x`: frequency ratios, shape (n,); `search`: boundaries at these ratios
+    - `derived`: the `derived_numbers` of the podium
+    """
     import xarray
 
     boundaries, impacts = search.crossings.table(x.size)

@@ -49,7 +49,7 @@ def record_spectrum(
     - `p`: frequency parameters √(3g/4R), shape (n,), > 0, ascending [rad/s]
     - `max_scale`: largest factor on the records in the search for overturning, > 0 [–]
     - `names`: names of the records; by default the names of the motions, or integers from 1
-    - `width`: the search for the least overturning factor misses no interval of overturning factors that is
+    - `width`: the search for the least overturning factor finds every interval of overturning factors that is
       wider than this share of `max_scale`, in (0, 0.1]
     - `resolution`: number of equal intervals up to `max_scale` whose ends are evaluated first
     - `options`: options of the scenes

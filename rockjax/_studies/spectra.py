@@ -239,7 +239,14 @@ def _check_resumed(
     options: Options,
     sensitivities: Sequence[str],
 ) -> list:
-    """Return the spectrum to resume, or None, for each podium. Raises `ValueError` for a mismatch."""
+    """Return the spectrum to resume, or None, for each podium.
+
+    - `owner`: function that error messages name
+    - `resume`, `podiums`, `pulse`, `options`, `sensitivities`: as for `rocking_spectra`
+    - `axes`: the axes by name
+
+    Raises `ValueError` for a spectrum that was computed with other arguments.
+    """
     if isinstance(resume, str) or not isinstance(resume, Iterable | None):
         raise ValueError(f"{owner}: resume must be a list of spectra or None, got {format_value(resume)}")
     resumed = list(resume) if resume is not None else [None] * len(podiums)
@@ -316,7 +323,12 @@ def check_resumed_parameters(owner: str, spectrum: xarray.Dataset, sensitivities
 
 
 def _dataset(podium: Podium, pulse, axes, a_p, T_p, peaks: Peak, options: Options) -> xarray.Dataset:
-    """Return the spectrum of one podium; a_p and T_p are the axes in m/s² and s."""
+    """Return the spectrum of one podium.
+
+    - `podium`, `pulse`, `options`: as for `rocking_spectrum`
+    - `axes`: dimensionless axes by name; `a_p`, `T_p`: the same axes in m/s² and s
+    - `peaks`: peak responses, shape (accelerations, frequencies)
+    """
     import xarray
 
     dims = ("acceleration_ratio", "frequency_ratio")

@@ -132,7 +132,13 @@ def sweep(
 def _create_store(
     path, spec: SweepSpec, layout: ChunkLayout, pilot: Pilot, chunk: int | None, motions
 ) -> Store:
-    """Create the store; if another process has just created it for the same sweep, return that store."""
+    """Create the store; if another process has just created it for the same sweep, return that store.
+
+    - `path`, `chunk`: `store` and `chunk` of `sweep`
+    - `spec`, `layout`: specification of the sweep, and its chunks
+    - `pilot`: solved sample, for the result arrays and the expected cost
+    - `motions`: attributes that describe the motions
+    """
     import xarray
 
     coords = xarray.Dataset(coords=dict(sweep_coords(spec)))
@@ -239,7 +245,12 @@ def _plan(
     runner: LocalRunner | DaskRunner,
     path: str,
 ) -> SweepPlan:
-    """Return the expected cost of a sweep, of which a store may already contain a part."""
+    """Return the expected cost of a sweep, of which a store may already contain a part.
+
+    - `spec`, `layout`, `pilot`: specification of the sweep, its chunks, and a solved sample
+    - `store`: the existing store, or None; `path`: path or URL of the store
+    - `runner`: the runner that would solve the sweep
+    """
     expected = pilot.expected_steps(layout)
     is_solved = np.zeros(layout.chunk_count, bool) if store is None else np.isfinite(store.rows()[:, 0])
     sizes = layout.sizes()

@@ -89,8 +89,8 @@ def _search_end(dataset: xarray.Dataset) -> float:
 def overturning_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, **line) -> Axes:
     """Plot the least overturning acceleration against frequency, with windows of survival above it shaded.
 
-    Dotted lines bridge jumps of the minimum to another branch. Triangles mark ends of the curve, beyond which
-    no searched acceleration overturns. `ax.legend()` explains lines and marks.
+    Dotted lines bridge jumps of the minimum to another branch of the boundary. Triangles mark ends of the
+    curve, beyond which no searched acceleration overturns. `ax.legend()` explains lines and marks.
 
     - `dataset`: dataset of [`rockjax.overturning_spectrum`][]
     - `ax`: axes to draw into; `line`: arguments of `Axes.plot`
@@ -116,8 +116,9 @@ def _survival_polygons(
 ) -> list[list[tuple[float, float]]]:
     """Return the polygons of the windows of survival; the uppermost window may end at `highest`.
 
-    At each x, windows extend from every second boundary to the next boundary. A window is connected to the
-    overlapping windows at the next x; a window without such a neighbour ends half-way.
+    At each x, windows extend from the second boundary to the third, from the fourth to the fifth, and so on.
+    A window is connected to the overlapping windows at the next x; a window without such a neighbour ends
+    half-way.
     """
     windows: list[list[tuple[float, float]]] = []
     for row in boundaries:
@@ -145,7 +146,11 @@ def _find_jumps(curve: np.ndarray) -> np.ndarray:
 
 
 def _draw_with_jumps(ax: Axes, x: np.ndarray, y: np.ndarray, jumps: np.ndarray, **line) -> Any:
-    """Draw a line with dotted segments at its jumps; return the line."""
+    """Draw a line with dotted segments at its jumps; return the line.
+
+    - `ax`: axes to draw into; `x`, `y`: points of the line, shape (n,)
+    - `jumps`: indices before the jumps; `line`: arguments of `Axes.plot`
+    """
     (curve,) = ax.plot(np.insert(x, jumps + 1, np.nan), np.insert(y, jumps + 1, np.nan), **line)
     bridge = {"ls": (0, (1, 2)), "lw": 0.8}
     for k in jumps:
@@ -158,7 +163,11 @@ def _draw_with_jumps(ax: Axes, x: np.ndarray, y: np.ndarray, jumps: np.ndarray, 
 
 
 def _mark_ends(ax: Axes, x: np.ndarray, minimum: np.ndarray, highest: float, colour: Any) -> None:
-    """Draw triangles at ends of a curve beyond which no acceleration up to `highest` overturns."""
+    """Draw triangles at ends of a curve beyond which no acceleration up to `highest` overturns.
+
+    - `ax`, `colour`: axes to draw into, and colour of the curve
+    - `x`, `minimum`: points of the curve, shape (n,); `minimum` is NaN where nothing overturns
+    """
     is_finite = np.isfinite(minimum)
     ends = is_finite & (np.r_[True, is_finite[:-1]] != np.r_[is_finite[1:], True])
     if ends.any():

@@ -83,7 +83,12 @@ def floor_spectrum(
 
 
 def _draw(ax: Axes, data: xarray.Dataset, name: str, prefix: str, level: Any, unit: float) -> None:
-    """Draw the spectra of ground, fixed base or podium at a level, if the dataset has them."""
+    """Draw the spectra of ground, fixed base or podium at a level, if the dataset has them.
+
+    - `ax`: axes to draw into; `data`: dataset with a single damping ratio
+    - `name`: name of the variable; `prefix`: its prefix, a key of `CURVES`
+    - `level`: the level; `unit`: unit of the axis, in SI
+    """
     if name not in data or (prefix == "fixed_base_" and level == "deck"):
         return
     label, line = CURVES[prefix]

@@ -51,8 +51,11 @@ def as_history(response: Response | xarray.Dataset) -> xarray.Dataset:
 
 
 def time_limits(data: xarray.Dataset) -> tuple[float, float]:
-    """Return the limits of the time axis [s]. The upper limit is 1.2 times the time until the last impact, or
-    a later peak, uplift or overturning; without impacts, the end of the history."""
+    """Return the limits of the time axis [s].
+
+    The axis ends after 1.2 times the time until the last impact, or at a later peak, uplift or overturning.
+    Without impacts it ends with the history.
+    """
     t, impacts = data["time"].values, data["impact_times"].values
     if not impacts.size:
         return t[0], t[-1]
@@ -264,8 +267,8 @@ def separatrix(data: xarray.Dataset, theta: np.ndarray) -> np.ndarray:
 
 
 def saddle_rotation(podium: Podium) -> float:
-    """Return |θ| at the saddle points [rad]: `Podium.stability_angle` (α without tendons), or π/2 if that is
-    inf because tendons restore the columns at every rotation."""
+    """Return |θ| at the saddle points [rad]: `Podium.stability_angle`, which is α without tendons. Return π/2
+    if tendons restore the columns at every rotation, so that the stability angle is inf."""
     return min(float(podium.stability_angle), 0.5 * np.pi)
 
 
@@ -274,9 +277,9 @@ def moment_rotation(response: Response | xarray.Dataset, ax: Axes | None = None)
     """Plot the restoring moment (`Response.restoring_moment`), divided by its value at uplift, against θ/α.
 
     In full contact (θ = 0) the ratio is −q/q_up ∈ [−1, 1], with the demand q and its threshold q_up, Eq. (9).
-    While rocking, the ratio is the sum of three moments about the edges: of the weights, sin ψ/sin α (1 at
-    θ = 0, 0 at θ = α), of the vertical inertia, Eq. (15), and of restrainers. The thick line is the static
-    moment of weights and tendons.
+    While rocking, the ratio is the sum of three moments about the edges: those of the weights, of the
+    vertical inertia, Eq. (15), and of restrainers. The moment of the weights is sin ψ/sin α: 1 at θ = 0, and
+    0 at θ = α. The thick line is the static moment of weights and tendons.
     """
     assert ax is not None
     data = as_history(response)
@@ -308,8 +311,10 @@ def moment_rotation(response: Response | xarray.Dataset, ax: Axes | None = None)
 
 @on_axes
 def energy_balance(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Plot the energies of `Response.energies` over time, divided by the potential energy of the weights at θ
-    = α, which is the energy to overturn from rest if there are no tendons.
+    """Plot the energies of `Response.energies` over time.
+
+    They are divided by the potential energy of the weights at θ = α, the energy to overturn from rest without
+    tendons.
 
     The work of the ground equals the change of the mechanical energy plus the energy lost at impacts and in
     dampers, plus a residual that measures the error of the history.

@@ -60,7 +60,12 @@ def _draw_over_height(
     drift_axes: Axes,
     acceleration_axes: Axes,
 ) -> None:
-    """Draw the largest drifts and floor accelerations of one response."""
+    """Draw the largest drifts and floor accelerations of one response.
+
+    - `data`: history of the response
+    - `label`, `style`: name in the legend, or None, and arguments of the plot functions
+    - `drift_axes`, `acceleration_axes`: axes to draw into
+    """
     if bool(data["overturned"]):
         label = f"{label}, {UNTIL_OVERTURNING}" if label else UNTIL_OVERTURNING
     if "peak_drift" not in data or "peak_floor_acceleration" not in data:

@@ -230,7 +230,7 @@ def test_windows_of_overturning(tmp_path):
     factors = np.array([windows[y] for y in ("factor", "survives_from", "overturns_again_from")])
     assert np.all(np.diff(factors, axis=0) > 0)
     excitations = problem.motions["noise"].excitations
-    options = boundary_options(problem)["options"].replace(throw=False)
+    options = boundary_options(problem).replace(throw=False)
     scenes = [[y.scaled(f) for y, f in zip(excitations, row, strict=True)] for row in factors]
     for side, expected in ((-1e-6, [False, True, False]), (1e-6, [True, False, True])):
         for row, overturns in zip(scenes, expected, strict=True):
@@ -244,12 +244,14 @@ def test_pulses(tmp_path):
     evaluation = evaluate(problem)
     (check,) = evaluation.checks
     options = boundary_options(evaluation.problem)
-    reference = [rj.overturning_acceleration(problem.podium, rj.OneSine, T, **options) for T in (1.0, 1.2)]
+    reference = [
+        rj.overturning_acceleration(problem.podium, rj.OneSine, T, options=options) for T in (1.0, 1.2)
+    ]
     np.testing.assert_array_equal(check.values.values, reference)
     assert check.result == "PASS"
     h = 1e-4
     sides = [
-        rj.overturning_acceleration(problem.varied({"width": 1 + y}), rj.OneSine, 1.2, **options)
+        rj.overturning_acceleration(problem.varied({"width": 1 + y}), rj.OneSine, 1.2, options=options)
         for y in (-h, h)
     ]
     slope = float(np.log(sides[1] / sides[0])) / (2 * h)

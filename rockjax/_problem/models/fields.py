@@ -26,7 +26,10 @@ STATISTICS, CURVE, HAZARD, MACHINES = "Statistics", "Fragility", "Hazard", "Mach
 
 
 class Flag(NamedTuple):
-    """A command-line option for a key: its heading `panel` in the help, and its `name`, by default the key.
+    """A command-line option for a key.
+
+    - `panel`: heading above the option in the help
+    - `name`: name of the option; an empty string for the name of the key
 
     A `Flag` is stored as `json_schema_extra` of a field. Pydantic calls it with the JSON schema of the field,
     which the call leaves unchanged.

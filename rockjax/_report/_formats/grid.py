@@ -22,7 +22,11 @@ NONE = "none"  # text of a cell without an error or note
 
 
 class Number(NamedTuple):
-    """A number in the unit of the page, and its digits on the page, "" for errors."""
+    """A number in the unit of the page.
+
+    - `value`: the number, not rounded
+    - `digits`: the number as the page shows it; "" in columns of errors
+    """
 
     value: float
     digits: str
@@ -62,7 +66,7 @@ def _main_column(cells: list[Cell], column: Column, units: Units) -> tuple[str, 
 
 
 def _extra_columns(cells: list[Cell], column: Column, units: Units) -> list[tuple[str, list[Number | str]]]:
-    """Return headings and values of the columns for the errors, units and notes of a column."""
+    """Return headings and values of the additional columns for the errors, units and notes of a column."""
     extra: list[tuple[str, list[Number | str]]] = []
     errors: list[Number | str] = []
     for cell in cells:

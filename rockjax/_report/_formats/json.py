@@ -1,4 +1,4 @@
-"""JSON: everything on the page, in SI.
+"""JSON: the texts and numbers of the page, in SI; of a picture only title, description and caption.
 
 Numbers are not rounded. Sections, and blocks within them, have the order of the page.
 """
@@ -54,9 +54,9 @@ def document(page: Page, g: float) -> dict[str, Any]:
     - `g`: gravity [m/s²]
 
     The keys are `schema`, `title`, `subject`, `head`, `origin`, `verdict`, `is_verified`, `notices`, `checks`
-    (an entry for each row of the summary; its `is_target` states whether the check is a design target),
-    `tables` (by name) and `sections`. A number is {"value", "unit"} and, if known, "error"; a text that
-    replaces a number is {"text", "state"}; texts with numbers are lists of strings and numbers.
+    (an entry for each row of the summary), `tables` (by name) and `sections`. The key `is_target` of a check
+    states whether it is a design target. A number is {"value", "unit"} and, if known, "error". A text that
+    replaces a number is {"text", "state"}. Texts with numbers are lists of strings and numbers.
     """
     converter = _Converter(Units.si(g))
     summaries = [block for block in page.blocks() if isinstance(block, Summary)]

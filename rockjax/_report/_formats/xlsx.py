@@ -78,7 +78,7 @@ def _text(cell: Number | str) -> str:
 
 
 def _number_format(digits: str) -> str:
-    """Return the format of a cell that shows as many digits as `digits`, and two digits for ""."""
+    """Return the spreadsheet's number format that shows as many digits as `digits`; two digits for ""."""
     mantissa, power, _ = digits.partition("·")
     _, point, decimals = re.sub(r"\s", "", mantissa).partition(".")
     if not digits or power:

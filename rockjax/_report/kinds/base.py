@@ -216,7 +216,8 @@ def with_texts(
     locations: list[str],
     is_minimum: bool,
 ) -> Values:
-    """Return the values of scenes. Texts replace overturned scenes, and infinite values, where a joint opens.
+    """Return the values of scenes. Texts replace the values of scenes that overturn, and infinite values,
+    which mean that a joint opens.
 
     - `scenes`, `entry`: the scenes and the entry
     - `data`: dataset of the scenes, with the dim `motion` of length n

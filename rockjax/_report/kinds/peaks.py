@@ -30,8 +30,8 @@ class PeakKind(Kind):
     - `variable`: name of the peak among the outputs
     - `factor`: function that returns the factor, or one for each joint, storey or mode; None for 1
     - `needs`: function that returns a sentence about missing inputs, or ""
-    - `powers`: pairs (input, exponent) for inputs that `factor` reads without their variation. If the input
-      is multiplied by y, the value is multiplied by y ** exponent
+    - `powers`: pairs (input, exponent) for inputs that `factor` takes from the problem file, so that it does
+      not see their variations. If such an input is multiplied by y, the value is multiplied by y ** exponent
     - `convert`: function that converts the multiplied peak to the value, or None
     """
 

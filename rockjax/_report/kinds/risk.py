@@ -56,7 +56,7 @@ class FragilityKind(Kind):
         problem, motions = scenes.problem, scenes.motion_set(str(entry.motions))
         measure = entry.arguments["measure"]
         settings = problem.fragility.model_dump(), measure
-        inputs_hash = fingerprint(problem.podium, motions.inputs, problem.options, settings)
+        inputs_hash = fingerprint(problem.podium, motions.identities, problem.options, settings)
         return scenes.store.get(
             f"fragility.{motions.name}.{measure[0]}",
             inputs_hash,

@@ -82,7 +82,11 @@ class PulseKind(Kind):
         given = {
             name: y for name, y in entry.arguments.items() if name in ("max_acceleration_ratio", "width")
         }
-        return boundary_options(scenes.problem) | {"max_acceleration_ratio": MAX_ACCELERATION_RATIO} | given
+        defaults = {
+            "options": boundary_options(scenes.problem),
+            "max_acceleration_ratio": MAX_ACCELERATION_RATIO,
+        }
+        return defaults | given
 
     def _unit(self, entry: Entry, podium: Podium) -> Value:
         """Return the unit of the amplitudes and of the limit: g tan α or 1 m/s²."""
@@ -116,7 +120,11 @@ class PulseKind(Kind):
         return slopes_of(scenes.problem, lambda podium, logs: self._amplitude(entry, scenes, case, podium))
 
     def _amplitude(self, entry: Entry, scenes: Scenes, case: int, podium: Podium) -> Value:
-        """Return the least overturning amplitude of pulse number `case`, in the unit of the limit."""
+        """Return the least overturning amplitude of a pulse, in the unit of the limit.
+
+        - `entry`, `scenes`: the entry, and the scenes of the problem
+        - `case`: index of the pulse; `podium`: the structure
+        """
         period = float(np.atleast_1d(entry.arguments["T_p"])[case])
         settings, pulse = self._settings(entry, scenes), entry.arguments["pulse"]
         return overturning_acceleration(podium, pulse, period, **settings) / self._unit(entry, podium)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def section(evaluation: Evaluation, units: Units) -> Section:
-    """Return the section."""
+    """Return section 11 of the page."""
     del units
     options = evaluation.problem.options
     text = (

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def section(evaluation: Evaluation, units: Units) -> Section:
-    """Return the section."""
+    """Return section 10 of the page."""
     del units
     rows = [_row(assumption, evaluation) for assumption in ASSUMPTIONS]
     columns = (

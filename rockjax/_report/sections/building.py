@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def section(evaluation: Evaluation, units: Units) -> Section:
-    """Return the section."""
+    """Return section 6 of the page."""
     del units
     blocks: list[Any] = []
     shears = []

@@ -37,6 +37,7 @@ def governing_scene(evaluation: Evaluation) -> tuple[str, int] | None:
 def stored_figure(evaluation: Evaluation, name: str, inputs: Any, draw: Callable[[], Figure]) -> Figure:
     """Return a picture from the store; draw and store it if it is missing or was drawn from other inputs.
 
+    - `evaluation`: the evaluated problem, whose store is used
     - `name`: name in the store; `inputs`: all data that the picture shows
     - `draw`: function that returns the picture; the caption must be a string
     """

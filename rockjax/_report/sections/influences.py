@@ -20,7 +20,7 @@ _NOTE = (
 
 
 def section(evaluation: Evaluation, units: Units) -> Section:
-    """Return the section."""
+    """Return section 8 of the page."""
     del units
     tables = [_table(check) for check in evaluation.checks if check.sensitivities or check.spread]
     if not tables:

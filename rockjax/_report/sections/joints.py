@@ -31,7 +31,7 @@ _COLUMNS = {
 
 
 def section(evaluation: Evaluation, units: Units) -> Section:
-    """Return the section."""
+    """Return section 5 of the page."""
     names = [
         name for name in sets_with_scenes(evaluation) if "least_axial_force" in evaluation.scenes.peaks(name)
     ]

@@ -26,7 +26,7 @@ TITLE = "Simplified methods beside the exact answer"
 
 
 def section(evaluation: Evaluation, units: Units) -> Section:
-    """Return the section."""
+    """Return section 9 of the page."""
     del units
     if "methods" in evaluation.skipped:
         return Section(9, TITLE, (Paragraph("Left out by --skip methods."),))
@@ -54,7 +54,7 @@ def _results(evaluation: Evaluation, name: str) -> list[MethodResult]:
         entries = [dataclasses.asdict(result) | {"values": {}} for result in results]
         return json.dumps(entries, default=np.ndarray.tolist)
 
-    inputs_hash = fingerprint(problem.podium, motions.inputs, motions.names, friction)
+    inputs_hash = fingerprint(problem.podium, motions.identities, motions.names, friction)
     entries = json.loads(evaluation.scenes.store.text(f"methods.{name}", inputs_hash, results_text))
     for entry in entries:
         for key in ("demand", "rotation_ratio"):

@@ -26,7 +26,7 @@ DAMPING = 0.05  # damping ratio of the spectra [–]
 
 
 def section(evaluation: Evaluation, units: Units) -> Section:
-    """Return the section."""
+    """Return section 3 of the page; `units`: units of its pictures."""
     problem = evaluation.problem
     period = _first_period(problem.podium)
     used = sets_with_scenes(evaluation)
@@ -34,7 +34,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
     for name in used:
         motions = problem.motions[name]
         if all(isinstance(member, Motion) for member in motions.members):
-            inputs = motions.name, motions.inputs, period, units.unit("acceleration"), units.g
+            inputs = motions.name, motions.identities, period, units.unit("acceleration"), units.g
             draw = functools.partial(_draw_spectra, motions, period, units)
             blocks.append(stored_figure(evaluation, f"spectra-{slug(name)}", inputs, draw))
     for name in used:

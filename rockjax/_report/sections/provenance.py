@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def section(evaluation: Evaluation, units: Units) -> Section:
-    """Return the section."""
+    """Return section 12 of the page."""
     del units
     problem = evaluation.problem
     scenes = sum(

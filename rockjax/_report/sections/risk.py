@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def section(evaluation: Evaluation, units: Units) -> Section:
-    """Return the section."""
+    """Return section 7 of the page."""
     del units
     title = "Probabilities of overturning"
     blocks: list[Any] = [*details(evaluation, 7)]

@@ -31,7 +31,7 @@ AFTER_LAST_IMPACT = 1.2  # histories are drawn up to this multiple of the time o
 
 
 def section(evaluation: Evaluation, units: Units) -> Section:
-    """Return the section."""
+    """Return section 4 of the page."""
     blocks: list[Any] = [_table(evaluation, name) for name in sets_with_scenes(evaluation)]
     scene = governing_scene(evaluation)
     if scene is None:

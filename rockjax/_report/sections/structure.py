@@ -48,7 +48,7 @@ _MEANINGS = {
 
 
 def section(evaluation: Evaluation, units: Units) -> Section:
-    """Return the section."""
+    """Return section 2 of the page; `units`: units of its picture."""
     problem = evaluation.problem
     figure = _elevation(evaluation, units)
     inputs = Table(

@@ -21,7 +21,7 @@ _NOTE = (
 
 
 def section(evaluation: Evaluation, units: Units) -> Section:
-    """Return the section."""
+    """Return section 1 of the page."""
     del units
     rows = tuple(_row(check, evaluation) for check in evaluation.checks)
     spread = Quantity(evaluation.problem.report.spread, "ratio", is_input=True)

@@ -5,8 +5,8 @@ All crossings with the surface of failure count, so survival windows are include
 divide space into regions: u belongs to the region of the design point with the largest α_i·u − β_i. Each line
 ends at the boundary of its region, so no failing segment is counted twice or omitted.
 
-If a parameter y of the structure or the motion changes, the crossings move, and the probability changes by
-dP/dy = −E Σ φ(c) (∂G/∂y)/|∂G/∂c|, summed over the crossings c of a line. Where G jumps across zero, its
+If a parameter y of the structure or the motion changes, the crossings move. The derivative of the probability
+is dP/dy = −E Σ φ(c) (∂G/∂y)/|∂G/∂c|, summed over the crossings c of a line. Where G jumps across zero, its
 derivatives do not determine how the crossing moves.
 """
 

@@ -8,8 +8,8 @@ standard normal ξ. Each component moves with probability 1/4. Below 40 componen
 so that ten move on average, or all if there are at most ten. Long moves of few components decorrelate sooner
 than short moves of all. A run ends at the level 0, or without failure after `MAX_LEVELS` levels.
 
-The samples of a run are correlated within their chains and across levels, so the error estimated from one
-run, which neglects this correlation, serves only as a lower bound. Therefore several independent runs share
+The samples of a run are correlated within their chains and across levels. An error estimated from one run
+neglects correlation across levels, and serves only as a lower bound. Therefore several independent runs share
 one batch, and their spread gives the error. The estimate has a bias of the order of the squared coefficient
 of variation of a run.
 """
@@ -112,7 +112,13 @@ class Subset(AbstractEstimator):
         return _Run(0.0, math.inf, samples, np.zeros((0, self.limit.dimension)))
 
     def _chains(self, u, g, level: float, move_size: float):
-        """Extend chains of moves below a level. Return samples, G, and the size of the next move."""
+        """Yield candidates, receive G of these candidates, and return samples, G, and the size of the next
+        move.
+
+        - `u`, `g`: first samples of the chains, shape (chains, d), and G of these samples
+        - `level`: largest accepted G
+        - `move_size`: size s of the first move, in (0, 1]
+        """
         us, gs = [u], [g]
         move_share = max(MOVE_SHARE, MIN_MOVED / self.limit.dimension)
         for _ in range(round(1 / self.share) - 1):

@@ -1,4 +1,4 @@
-"""The page of a report, made from an evaluation."""
+"""Assembly of the page of a report from an evaluation: title, verdict, notices and sections."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ USUAL_UNITS = ("kN", "m", "deg", "g", "mm")
 
 
 def units_of(evaluation: Evaluation, units: str | Sequence[str] | None = None) -> Units:
-    """Return the units of a page: `units`, else those of `[report]`, else `USUAL_UNITS`."""
+    """Return the units of a page: `units`, else those of the table `[report]`, else `USUAL_UNITS`."""
     problem = evaluation.problem
     return Units.parse(units or problem.report.units or USUAL_UNITS, float(problem.podium.g))
 
@@ -31,6 +31,7 @@ def units_of(evaluation: Evaluation, units: str | Sequence[str] | None = None) -
 def page_of(evaluation: Evaluation, units: Units | None = None, command: str = "") -> Page:
     """Return the page of an evaluation.
 
+    - `evaluation`: the evaluated problem
     - `units`: units of drawings and texts; by default the result of `units_of`. Numbers of tables stay in SI
       and get their units when a format writes them
     - `command`: the command line that makes the report, shown at the head of the page
