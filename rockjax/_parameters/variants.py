@@ -143,7 +143,7 @@ def with_values(podium: Podium, values: Mapping[str, Any]) -> Podium:
 def check_values(owner: str, values: Mapping[str, Any]) -> None:
     """Raise `ValueError` for parameters of a structure or a pulse that are out of range."""
     for name, value in values.items():
-        allowed = (MOTION.get(name) or find_parameter(name) or STRUCTURE[name]).range
+        allowed = (find_parameter(name) or STRUCTURE.get(name) or MOTION[name]).range
         condition = allowed.text if allowed.text.startswith("in") else f"finite and {allowed.text}"
         require(owner, name, value, allowed.holds, condition.removesuffix(" and "))
 

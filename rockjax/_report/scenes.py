@@ -55,7 +55,8 @@ class Scenes:
         self.with_spread = with_spread
         # Cached, because checks and sections ask for the same structures and scenes many times.
         self.podium, self.peaks = functools.cache(self._podium), functools.cache(self._peaks)
-        self._variants = functools.cache(self._solve_variants)
+        self._other_laws = functools.cache(self._solve_other_laws)
+        self._variations = functools.cache(self._solve_variations)
 
     def describe(self, text: str) -> None:
         """Show a text about the current computation."""
@@ -118,9 +119,10 @@ class Scenes:
         - `name`: the set; `law`: one of the laws of `[report]`, or None for the structure's own
         - `variation`: one of `variations`, or ""; `factor`: factor on all motions
         """
-        variant = variation or (law if law in self.laws else "")
-        if variant:
-            return self._variants(name, factor).sel(variant=variant)
+        if variation:
+            return self._variations(name, factor).sel(variant=variation)
+        if law in self.laws:
+            return self._other_laws(name, factor).sel(variant=law)
         motions, options, podium = self.motion_set(name), self.options(name), self.problem.podium
         on_floors = self.on_floors(name)
         inputs_hash = fingerprint(podium, motions.identities, options, on_floors, factor)
@@ -132,26 +134,51 @@ class Scenes:
 
         return self.store.get(f"peaks.{name}{_suffix(factor)}", inputs_hash, solve)
 
-    def _solve_variants(self, name: str, factor: float = 1.0) -> xarray.Dataset:
-        """Return the peaks of a set, along `variant` (other laws of impact, then variations) and `motion`."""
-        motions, options, on_floors = self.motion_set(name), self.options(name), self.on_floors(name)
-        podiums = [self.podium(law) for law in self.laws] + [self.podium(None, y) for y in self.variations]
+    def _solve_other_laws(self, name: str, factor: float = 1.0) -> xarray.Dataset:
+        """Return the peaks of a set under other laws of impact, along `variant` and `motion`."""
+        podiums = {law: self.podium(law) for law in self.laws}
+        outputs = (*self._needed_outputs(name), "errors")
+        factors = [factor] * len(podiums)
+        return self._solve_variants(f"laws.{name}{_suffix(factor)}", name, podiums, factors, outputs)
+
+    def _solve_variations(self, name: str, factor: float = 1.0) -> xarray.Dataset:
+        """Return the peaks of a set with changed inputs, without errors, along `variant` and `motion`."""
+        podiums = {variation: self.podium(None, variation) for variation in self.variations}
+        factors = [factor * self.factors(variation).get("motion", 1.0) for variation in podiums]
+        label, outputs = f"variations.{name}{_suffix(factor)}", self._needed_outputs(name)
+        return self._solve_variants(label, name, podiums, factors, outputs)
+
+    def _needed_outputs(self, name: str) -> tuple[str, ...]:
+        """Return the rotation and the outputs that the checks of a set need."""
+        return tuple(dict.fromkeys(("peak_rotation", *self.needed.get(name, Needs()).outputs)))
+
+    def _solve_variants(
+        self,
+        label: str,
+        name: str,
+        podiums: dict[str, Podium],
+        factors: list[float],
+        outputs: tuple[str, ...],
+    ) -> xarray.Dataset:
+        """Return the peaks of variants of the structure under a set, along `variant` and `motion`.
+
+        - `label`: name in the store; `name`: the set
+        - `podiums`: name of the variant → structure; `factors`: factor on the motions for each variant
+        - `outputs`: outputs of the scenes
+        """
+        motions, on_floors = self.motion_set(name), self.on_floors(name)
+        options = self.problem.options.replace(outputs=outputs, throw=False)
         # Laws become factors of restitution, because podiums with different laws cannot form one batch.
-        podiums = [y.replace(restitution=float(y.restitution_factor)) for y in podiums]
-        names = (*self.laws, *self.variations)
-        scales = factor * np.array([1.0] * len(self.laws) + [self._motion_factor(y) for y in self.variations])
-        inputs_hash = fingerprint(podiums, scales, motions.identities, options, on_floors)
+        rows = [y.replace(restitution=float(y.restitution_factor)) for y in podiums.values()]
+        inputs_hash = fingerprint(rows, factors, motions.identities, options, on_floors)
 
         def solve() -> xarray.Dataset:
-            self.describe(f"scenes of {name} with other laws of impact and changed inputs")
-            excitations = as_batch("report", motions.excitations).scaled(scales[:, None])
-            data = self.solve(_stacked(podiums), excitations, options, ("variant", "motion"), on_floors)
-            return data.assign_coords(variant=list(names))
+            self.describe(f"scenes of {name} for {len(podiums)} variants of the structure")
+            excitations = as_batch("report", motions.excitations).scaled(np.array(factors)[:, None])
+            data = self.solve(_stacked(rows), excitations, options, ("variant", "motion"), on_floors)
+            return data.assign_coords(variant=list(podiums))
 
-        return self.store.get(f"variants.{name}{_suffix(factor)}", inputs_hash, solve)
-
-    def _motion_factor(self, variation: str) -> float:
-        return self.factors(variation).get("motion", 1.0)
+        return self.store.get(label, inputs_hash, solve)
 
     def _with_floor_errors(
         self, data: xarray.Dataset, excitations: Any, options: Options, on_floors: dict[str, Any]

@@ -30,7 +30,7 @@ def peaks(dataset: xarray.Dataset, outputs: Sequence[str] | None = None) -> Figu
     - `outputs`: names of outputs such as `"peak_rotation"`; by default all peaks of the dataset
 
     Each panel shows the worst story or joint. Motions that overturn the columns have an open mark: their
-    peaks are those until overturning. The dashed line is the median of the other motions. An arrow at the
+    peaks are those until overturning. The dashed line is the median of the other motions, if it is finite. An arrow at the
     right edge marks an infinite friction demand, where a joint opens.
 
     Raises `ValueError` for outputs that the dataset does not have.
@@ -71,8 +71,9 @@ def _draw(ax: Axes, data: xarray.Dataset, name: str, overturned: np.ndarray) -> 
         ax.plot(values[finite_rows], finite_rows, "o", ms=4, color=colour, mfc=face, label=label)
         at_edge = np.full(infinite_rows.size, 0.97)
         ax.plot(at_edge, infinite_rows, ">", ms=5, color=colour, mfc=face, transform=ax.get_yaxis_transform())
-    if np.any(~overturned & is_finite):
-        ax.axvline(float(np.median(values[~overturned])), color="0.4", ls="--", lw=0.8)
+    median = np.median(values[~overturned]) if np.any(~overturned) else np.inf
+    if np.isfinite(median):
+        ax.axvline(float(median), color="0.4", ls="--", lw=0.8)
     unit = displayed(variable.unit)
     symbol = variable.symbol.replace("/", " / ") if variable.symbol else name
     ax.set_xlabel(f"{symbol} [{unit}]", fontsize="small")

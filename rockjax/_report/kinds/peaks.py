@@ -118,7 +118,9 @@ class NoOverturning(Kind):
         data = scenes.peaks(str(entry.motions), law, variation)
         ratio = float(scenes.problem.options.overturn_ratio)
         values = np.asarray(data["peak_rotation"], float) / ratio
-        errors = np.asarray(data["peak_rotation_error"], float) / ratio
+        errors = values * np.nan
+        if "peak_rotation_error" in data:
+            errors = np.asarray(data["peak_rotation_error"], float) / ratio
         return with_texts(scenes, entry, data, values, errors, [""] * len(values), False)
 
 
