@@ -30,8 +30,8 @@ def peaks(dataset: xarray.Dataset, outputs: Sequence[str] | None = None) -> Figu
     - `outputs`: names of outputs such as `"peak_rotation"`; by default all peaks of the dataset
 
     Each panel shows the worst story or joint. Motions that overturn the columns have an open mark: their
-    peaks are those until overturning. The dashed line is the median of the other motions, if it is finite. An arrow at the
-    right edge marks an infinite friction demand, where a joint opens.
+    peaks are those until overturning. The dashed line is the median of the other motions, if it is finite.
+    An arrow at the right edge marks an infinite friction demand, where a joint opens.
 
     Raises `ValueError` for outputs that the dataset does not have.
     """

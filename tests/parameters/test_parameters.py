@@ -132,3 +132,14 @@ def test_names_of_files():
     names = [registry.attribute_name(registry.STRUCTURE[name]) for name in ("alpha", "R", "lam", "T_s", "g")]
     assert names == ["alpha_rad", "R_m", "lambda", "T_s_s", "g_m_s2"]
     assert registry.variable_attributes("excitation.gamma")["long_name"].startswith("number of oscillations")
+
+
+def test_names_of_structures_and_pulses_are_checked_by_their_own_ranges():
+    """γ = 0 is a block without a beam; γ is also the number of oscillations of a pulse, which is positive."""
+    from rockjax._responses.variants import with_parameters
+
+    pulse = rj.OneSine(3.0, 1.0)
+    podium, _ = with_parameters("test", rj.Podium(0.2, 2.0, gamma=1.0), pulse, {"gamma": np.array([0.0, 0.5])})
+    np.testing.assert_array_equal(podium.gamma, [0.0, 0.5])
+    with pytest.raises(ValueError, match="gamma must be finite and >= 0"):
+        with_parameters("test", rj.Podium(0.2, 2.0, gamma=1.0), pulse, {"gamma": np.array([-0.1, 0.5])})
