@@ -139,7 +139,9 @@ def test_names_of_structures_and_pulses_are_checked_by_their_own_ranges():
     from rockjax._responses.variants import with_parameters
 
     pulse = rj.OneSine(3.0, 1.0)
-    podium, _ = with_parameters("test", rj.Podium(0.2, 2.0, gamma=1.0), pulse, {"gamma": np.array([0.0, 0.5])})
+    podium, _ = with_parameters(
+        "test", rj.Podium(0.2, 2.0, gamma=1.0), pulse, {"gamma": np.array([0.0, 0.5])}
+    )
     np.testing.assert_array_equal(podium.gamma, [0.0, 0.5])
     with pytest.raises(ValueError, match="gamma must be finite and >= 0"):
         with_parameters("test", rj.Podium(0.2, 2.0, gamma=1.0), pulse, {"gamma": np.array([-0.1, 0.5])})
