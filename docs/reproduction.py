@@ -337,8 +337,8 @@ TEMPLATE = r"""# Reproduction
 
 This page compares published results with those of rockjax. `python docs/reproduction.py` computes the results of rockjax and writes the
 page. The tolerances are `rtol=1e-10` and `atol=1e-12` with the method `dopri8`; `rockjax.overturning_spectrum` has its default options.
-Symbols and equation numbers are those of the [model](model.md). Some results of the paper do not follow from its equations; this page names
-these results. No parameter of rockjax is adjusted to match them.
+Symbols and equation numbers are those of the [model](model.md). Some results of the [paper](citing.md) do not follow from its equations;
+this page names these results. No parameter of rockjax is adjusted to match them.
 
 ## The paper
 

@@ -35,14 +35,14 @@ class AnnualFrequency(AbstractScaleTarget):
     - `suite`: two or more records or motions, or `FreshSamples` of records; intensities are measured on the
       horizontal component
     - `max_intensity`: highest intensity searched, by default the last point of the hazard [unit of `hazard`];
-      motions that do not overturn the columns up to this intensity are censored observations
+      of a motion that does not overturn the columns up to this intensity, the fit uses only this fact
     - `width`: verification finds every overturning window wider than `width` times `max_intensity` [–]
     - `name`: name in reports
 
     λ_f comes from [`rockjax.annual_frequency`][] for the lognormal distribution fitted to the least
     overturning intensity of each motion, as in [`rockjax.fragility`][]. The margin is ln(at_most/λ_f). If
     fewer than two motions overturn the columns, λ_f is the frequency with which `max_intensity` is exceeded,
-    with zero derivative. Raises `ValueError` for a hazard that is not in SI units or has another measure.
+    a constant. Raises `ValueError` for a hazard that is not in SI units or has another measure.
     Raises `ValueError` also for a `max_intensity` that is exceeded `at_most` times a year or more often,
     because λ_f might then never be small enough.
     """

@@ -1,7 +1,7 @@
 """Data types of a search: evaluations, settings, iterates and ends of descents.
 
-A descent is the search from one start. It is a coroutine that yields points and receives their evaluations,
-so that many descents are evaluated as one batch.
+A descent is the search from one starting point (start). It is a coroutine that yields points and receives
+their evaluations, so that many descents are evaluated as one batch. A target holds where its margins are ≥ 0.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from ._results import CONVERGED, INFEASIBLE, STALLED
 class Evaluation(NamedTuple):
     """Evaluation of a design point, in scaled variables (0 and 1 are the bounds).
 
-    - `f`: the k values whose largest is the objective, (k,); `c`: margins of all targets (m,) [–]
-    - `f_slope`, `c_slope`: their Jacobians, (k, n) and (m, n)
+    - `f`: values (k,), of which the largest is the objective; `f_slope`: their Jacobian (k, n)
+    - `c`: margins (m,) of all targets [–]; `c_slope`: their Jacobian (m, n)
     - `overturned`: number of overturned scenes of each target and, as the last entry, of the objective; empty
       if not counted
     """
@@ -69,7 +69,7 @@ class Iterate(NamedTuple):
     """One iteration of one start.
 
     - `start`: index of the start; `iteration`: index of the iteration
-    - `x`: scaled variables before the step (n,); `objective`: largest objective value at `x`; `margin`:
+    - `x`: scaled variables (n,) before the step; `objective`: largest objective value at `x`; `margin`:
       worst margin at `x` [–]
     - `residual`: residual of the optimality conditions (NaN for gradient steps)
     - `radius`: radius of the trust region (for gradient steps, the factor on the step)
@@ -92,7 +92,7 @@ class Iterate(NamedTuple):
 class End(NamedTuple):
     """End of a descent.
 
-    - `x`: scaled variables (n,); `multipliers`: multipliers of the margins (m,), in units of the scaled
+    - `x`: scaled variables (n,); `multipliers`: multipliers (m,) of the margins, in units of the scaled
       objective
     - `result`: code of `RESULTS`; `iterations`: number of iterations; `evaluation`: evaluation at `x`
     """

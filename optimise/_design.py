@@ -1,4 +1,8 @@
-"""`design`: size a structure that satisfies its targets and minimises an objective."""
+"""`design`: size a structure that satisfies its targets and minimises an objective.
+
+A search has one or more starting points (starts), and an end for each. Scaled variables are 0 and 1 at their
+bounds. A target holds where its margins are ≥ 0.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Evaluations of design points: objective and margins with derivatives, for all starts in one batch."""
+"""Evaluations of design points for all starts (starting points of a search) in one batch.
+
+An evaluation has the objective, the margins of the targets, and the derivatives of both with respect to the
+scaled variables.
+"""
 
 from __future__ import annotations
 
@@ -159,18 +163,18 @@ def _evaluate_points(problem: DesignProblem, options: rj.Options, points: Float[
 
 @functools.partial(StoredProgram, arrays_only=True)
 def _least_scales(target: AbstractScaleTarget, options: rj.Options, podium: rj.Podium):
-    """Return the overturning scales of the motions of a target (k,)."""
+    """Return the overturning scales (k,) of the motions of a target."""
     return target.least_scales(podium, options)
 
 
 @functools.partial(StoredProgram, arrays_only=True)
 def _margins_of_samples(target: AbstractScaleTarget, scales: Float[Array, "samples k"]):
-    """Return the margins of a target for each sample of overturning scales (samples, margins)."""
+    """Return the margins (samples, margins) of a target for each sample of overturning scales."""
     return jax.vmap(target.margins_of_scales)(scales)
 
 
 class MarginEstimate(NamedTuple):
-    """Margins of a target (k,) in an independent sample, and their standard errors (k,) [–]."""
+    """Margins (k,) of a target in an independent sample, and their standard errors (k,) [–]."""
 
     margins: np.ndarray
     errors: np.ndarray

@@ -41,13 +41,13 @@ class FailureProbability(AbstractTarget):
     - `name`: name in reports
 
     The margin is ln k. The standard normal variables u of the motion, multiplied by k, give exactly the
-    probability `at_most`; for motions without a pulse, k is a factor on the motion. During the
-    search k comes from rays through failing samples of the first structure, with derivatives by the implicit
-    function theorem. All structures use the same rays, and the search aims below `at_most` to allow for the
-    scatter between two samples. A design is verified by subset simulation with another seed; this
-    independent sample gives the margin and is stored in `Design.probabilities`. If the sample has not
-    converged in 10 million scenes, the margin is NaN and the design is not satisfied, with the result
-    `unverified`.
+    probability `at_most`; for motions without a pulse, k is a factor on the motion. During the search k comes
+    from rays (directions) through failing samples of the first structure. Its derivatives with respect to the
+    variables follow from the implicit function theorem. All structures use the same rays, and the search aims
+    below `at_most` to allow for the scatter between two samples. A design is verified by subset simulation
+    with another seed; this independent sample gives the margin and is stored in `Design.probabilities`. If
+    the sample has not converged in 10 million scenes, the margin is NaN and the design is not satisfied, with
+    the result `unverified`.
     """
 
     at_most: float = eqx.field(static=True)
@@ -88,7 +88,7 @@ class FailureProbability(AbstractTarget):
         )
 
     def margins(self, podium: rj.Podium, options: rj.Options) -> Values:
-        """Return the margin of a structure (1,) from rays sampled for this structure; outside jit."""
+        """Return the margin (1,) of a structure, from rays sampled for this structure; outside jit."""
         if any(concrete(y) is None for y in jax.tree.leaves(podium)):
             raise ValueError(
                 "FailureProbability: margins cannot be traced, because they are sampled; use the target in "
@@ -110,7 +110,7 @@ class MarginAndSlopes(NamedTuple):
 class _IndependentSample(NamedTuple):
     """An independent sample at a structure.
 
-    - `parameters`: all scalar parameters of the structure (n,); `estimate`: its probability of failure
+    - `parameters`: all scalar parameters (n,) of the structure; `estimate`: its probability of failure
     - `ratio`: this probability divided by the estimate along the rays
     """
 
@@ -197,7 +197,7 @@ class RayTarget:
 
 
 def _parameters(podium: rj.Podium) -> np.ndarray:
-    """Return the values of all leaves of a podium (n,)."""
+    """Return the values (n,) of all leaves of a podium."""
     return np.array([float(y) for y in jax.tree.leaves(podium)])
 
 

@@ -1,4 +1,7 @@
-"""Optimality conditions of the merit (`Evaluation.merit`) at a point: residual and multipliers."""
+"""Optimality conditions of the merit at a point: residual and multipliers.
+
+The merit (`Evaluation.merit`) is the weighted objective plus a penalty on the largest violation of a margin.
+"""
 
 from __future__ import annotations
 
@@ -16,11 +19,11 @@ EvaluatedPoints = list[tuple[Vector, Evaluation]]
 class Optimality(NamedTuple):
     """Multipliers of the margins and residual of the optimality conditions.
 
-    They belong to the step that minimises the merit of linear models plus half the squared step length.
+    Both belong to the step that minimises the merit of linear models plus half the squared step length.
 
-    - `multipliers`: multipliers of the margins (m,)
-    - `residual`: largest absolute entry of this step, comparable to the norm of a projected gradient; it
-      is 0 if and only if the merit is stationary within the bounds
+    - `multipliers`: multipliers (m,) of the margins
+    - `residual`: largest absolute entry of this step, comparable to the norm of a projected gradient; the
+      residual is 0 if and only if the merit is stationary within the bounds
     - `violation`: modelled violation after this step [–]
     """
 

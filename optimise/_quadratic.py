@@ -23,10 +23,12 @@ _clarabel: Any = clarabel  # a compiled module without stubs
 class Model(NamedTuple):
     """Linear models of values and margins.
 
-    - `f`: values at d = 0 (k,); `f_slope`: their Jacobian (k, n)
-    - `c`: margins at d = 0 (m,); `c_slope`: their Jacobian (m, n)
-    - `value_index` (k,), `margin_index` (m,): index of the value or margin that each entry of `f` or `c`
-      models; several entries may model the same value or margin
+    - `f`: modelled values (k,) at d = 0; `f_slope`: their Jacobian (k, n)
+    - `c`: modelled margins (m,) at d = 0; `c_slope`: their Jacobian (m, n)
+    - `value_index` (k,): for each entry of `f`, the index of the value that it models
+    - `margin_index` (m,): for each entry of `c`, the index of the margin that it models
+
+    Several entries may model the same value or margin.
     """
 
     f: Vector

@@ -1,4 +1,8 @@
-"""Sampled targets of a design (probabilities of failure): margins and slopes for design variables."""
+"""Targets of a design that are sampled: probabilities of failure.
+
+Their margins are ≥ 0 where they hold. Slopes are derivatives with respect to the scaled variables, which are
+0 and 1 at their bounds.
+"""
 
 from __future__ import annotations
 

@@ -5,9 +5,10 @@ Where no point satisfies all margins, the merit leads to a point with the least 
 
 Responses have kinks (a later peak overtakes an earlier one) and jumps (one more impact before overturning).
 The linear models of a rejected trial are stored as cuts: if the function is the maximum of several branches,
-the cut models the branch that takes over. At the current point, objective cuts are lowered to the objective
-if they exceed it, and margin cuts are raised to the margin if they are below it. Cuts far from this point are
-dropped. Every rejected step shrinks the trust region, so a descent at a jump ends with the result `stalled`.
+the cut models the branch that takes over. At the current point, cuts of the objective that exceed the
+objective are lowered to its value, and cuts of a margin that are below the margin are raised to its value.
+Cuts far from this point are dropped. Every rejected step shrinks the trust region, so a descent at a jump
+ends with the result `stalled`.
 """
 
 from __future__ import annotations

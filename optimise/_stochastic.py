@@ -1,9 +1,9 @@
-"""Searches with motions drawn anew in every step.
+"""Searches with motions drawn anew in every step (fresh samples).
 
-A start ends at the mean of the second half of its gradient steps (Polyak–Ruppert averaging). Small batches
-bias this mean. An independent sample at the mean measures the bias. If the mean violates a target, the bias
-and an allowance for the scatter between two samples are added to the margins aimed at. A shorter search then
-continues from the mean. A new independent sample follows each search.
+The search from a starting point (start) ends at the mean of the second half of its gradient steps
+(Polyak–Ruppert averaging). Small batches bias this mean. An independent sample at the mean shows the bias. If
+it violates a target, the violation and an allowance for the scatter between two samples are added to the
+margins aimed at. A shorter search then continues from the mean. A new independent sample follows each search.
 """
 
 from __future__ import annotations

@@ -138,7 +138,7 @@ class Suite(Module):
         return {name: np.concatenate([np.asarray(getattr(y, name)) for y in peaks])[order] for name in names}
 
     def overturning_margins(self, podium: rj.Podium, options: rj.Options) -> np.ndarray:
-        """Return the overturning margins under all motions (k,), on all cores; outside jit and grad."""
+        """Return the overturning margins (k,) under all motions, on all cores; outside jit and grad."""
         return self.peaks(podium, options, ("margin",), ("margin",))["margin"]
 
 

@@ -1,6 +1,8 @@
 """Targets of a design, with margins that are ≥ 0 where the target holds.
 
-A margin is dimensionless and differentiable; near 0 it is the relative distance to the limit.
+A margin is dimensionless and differentiable; near 0 it is the relative distance to the limit. The overturning
+margin of a scene (one structure under one motion) is positive if the columns survive, negative if they
+overturn.
 """
 
 from __future__ import annotations
@@ -120,7 +122,7 @@ class OverturningAcceleration(AbstractTarget):
     - `at_least`: > 0 [m/s²], or [g tan α] with `ratio=True`
     - `pulse`: class of the pulse, such as `rockjax.Ricker`; `T_p`: one or several periods, > 0 [s]
     - `max_acceleration_ratio`: largest searched amplitude [g tan α], above `at_least`; if no searched
-      amplitude overturns, a_ov is this amplitude, with zero derivative
+      amplitude overturns, a_ov is this amplitude, a constant
     - `width`: verification finds every overturning window below a_ov that is wider than this fraction of the
       searched range [–]
 
@@ -228,7 +230,7 @@ class AbstractScaleTarget(AbstractTarget):
         return _with_coarse_width(self)
 
     def least_scales(self, podium: rj.Podium, options: rj.Options) -> Float[Array, " k"]:
-        """Return the overturning scale of every motion (k,), inf where it exceeds `max_scale`."""
+        """Return the overturning scales (k,) of the motions, inf where they exceed `max_scale`."""
 
         def least_scale(motion):
             return rj.overturning_scale(
@@ -266,7 +268,7 @@ class OverturningScale(AbstractScaleTarget):
 
     - `at_least`: > 0 [–]; `excitations`: a motion or a list of them (records, pulses, wavelets)
     - `max_scale`: largest searched factor, by default 3 times `at_least` [–]; if no searched factor
-      overturns, the scale is `max_scale`, with zero derivative
+      overturns, the scale is `max_scale`, a constant
     - `width`: verification finds every overturning window wider than this fraction of `max_scale` [–]
 
     The margin is scale/at_least − 1 for every motion. Raises `ValueError` for arguments out of range.
@@ -296,13 +298,13 @@ class MedianCapacity(AbstractScaleTarget):
     """The median scale with which the motions of a suite overturn the columns is at least `at_least`.
 
     - `at_least`: > 0 [–]; `suite`: two motions or more, or `FreshSamples`
-    - `max_scale`: largest searched factor, by default 3 times `at_least` [–]; motions that do not overturn
-      the columns up to `max_scale` are censored
+    - `max_scale`: largest searched factor, by default 3 times `at_least` [–]; of a motion that does not
+      overturn the columns up to `max_scale`, the fit uses only this fact
     - `width`: verification finds every overturning window wider than this fraction of `max_scale` [–]
 
     The median belongs to a lognormal distribution fitted by maximum likelihood, as in
     [`rockjax.fragility`][]. If fewer than two motions overturn the columns, the median is `max_scale`,
-    with zero derivative. The margin is median/at_least − 1. Raises `ValueError` for arguments out of range.
+    a constant. The margin is median/at_least − 1. Raises `ValueError` for arguments out of range.
     """
 
     at_least: Any

@@ -82,7 +82,7 @@ def fit_counts(x: Float[Array, " m"], events: Float[Array, " m"], trials: Float[
     - `trials`: numbers of all motions at the levels, shape (m,)
 
     The result is NaN if the likelihood has no maximum. This is the case if all motions or none cause the
-    event, if no motion that causes the event is at a lower level than one that does not, and if the share of
+    event, if no motion that causes the event is at a lower level than one that does not, or if the share of
     events does not increase with the level. The result is also NaN for a dispersion above `MAX_DISPERSION`.
     """
     log = jnp.log(x)

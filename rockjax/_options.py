@@ -59,7 +59,7 @@ class Options(Module):
       [`rockjax.AbstractOutput`][] are user-defined outputs
     - `history`: number of steps that a history can hold under `jit`; outside jit it grows automatically
     - `throw`: True to raise an error if a scene does not finish (such as `out_of_steps` or `not_finite`)
-      and all values are concrete
+      and no value is traced by JAX
 
     Raises `ValueError` for tolerances below rounding, unknown methods, engines or outputs.
     """

@@ -1,6 +1,6 @@
 """Warnings about values that suggest a unit error, such as dimensions in millimetres.
 
-A warning states how the value was understood. Only concrete values are checked.
+A warning states how the value was understood. Traced values are not checked.
 """
 
 from __future__ import annotations

@@ -92,8 +92,8 @@ def as_records(owner: str, value, name: str = "records") -> tuple[Records | Reco
 
 
 def as_motions(owner: str, value, name: str = "motion") -> list[Motion]:
-    """Return one or several motions with concrete samples as a list of `Motion`. Records become motions; a
-    `GroundMotion` contributes only its horizontal component."""
+    """Return one or several motions, whose samples are not traced, as a list of `Motion`. Records become
+    motions; a `GroundMotion` contributes only its horizontal component."""
     if isinstance(value, Motion):
         return [value]
     if isinstance(value, Motions):

@@ -1,8 +1,8 @@
 """Intensity measures of ground motions.
 
-They are exact for motions that are linear between samples, except for the significant duration, which
-interpolates the cumulative Arias intensity linearly. Sa is the maximum over all times; eqsig and pyRotd take
-it over the samples only.
+The measures are exact for motions that are linear between samples. Only the significant duration is not: it
+interpolates the cumulative Arias intensity linearly. Sa is the maximum over all times, whereas the packages
+eqsig and pyRotd take the maximum over the samples.
 """
 
 from __future__ import annotations

@@ -97,7 +97,7 @@ class Motion(Accelerogram):
         aliased; lower frequencies are kept. The straight line through the first and the last sample is not
         filtered, so that an offset does not ring at the ends. The first sample keeps its time.
 
-        Raises `ValueError` for dt ≤ 0, for a dt longer than the duration, and if the ratio of the two
+        Raises `ValueError` for dt ≤ 0, for a dt longer than the duration, or if the ratio of the two
         intervals is not a ratio of whole numbers up to 1000.
         """
         dt = require_number("resampled", "dt", dt, lambda v: v > 0, "finite and > 0 s")

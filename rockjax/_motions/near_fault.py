@@ -87,8 +87,8 @@ class PulseFit:
 
     - `pulse`: the pulse, centred on t = 0
     - `time`: time of the pulse's centre in the record [s]
-    - `share`: share of ∫v² dt of the record that the pulse explains, with the velocity v, or the displacement
-      if this is fitted [–]
+    - `share`: share of ∫v² dt of the record that the pulse explains [–]; v is the velocity or, if that is the
+      fitted quantity, the displacement
     - `quantity`: the fitted quantity, `"velocity"` or `"displacement"`
     """
 

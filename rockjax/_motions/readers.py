@@ -41,7 +41,7 @@ def read_motion(
     motion, for headings that are unknown or contradict `units` or `dt`, and for gaps. If a channel must
     be chosen, the message lists the channels.
 
-    Warns ([`rockjax.RecordWarning`][]) if the file is damaged or its data are raw, and if the values look
+    Warns ([`rockjax.RecordWarning`][]) if the file is damaged, if its data are raw, or if the values look
     wrong: PGA above 3 g or below 1e-4 g (below 0.05 g with `units="m/s2"`), a sampling interval above 0.1 s
     or below 1e-4 s, or a final velocity of more than a fifth of PGV.
     """

@@ -101,7 +101,7 @@ class Records(AbstractSampled):
 
     def pick(self, which: Int[ArrayLike, "*batch"]) -> Self:
         """Return the records with the indices `which`, unscaled, as a batch of the same shape. Raises
-        `ValueError` for indices that are not whole numbers, and for concrete indices out of range."""
+        `ValueError` for indices that are not whole numbers, or, unless they are traced, out of range."""
         which = which if isinstance(which, jax.Array) else np.asarray(which)
         indices, is_integer = concrete(which), np.issubdtype(which.dtype, np.integer)
         if not is_integer or (indices is not None and not np.all((indices >= 0) & (indices < len(self)))):

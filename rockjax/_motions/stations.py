@@ -62,8 +62,8 @@ def _station_key(motion: Accelerogram) -> tuple[str, ...]:
 
 
 def _match_name(motion: M, vertical: dict[tuple, list[M]]) -> list[M]:
-    """Return the vertical motions that match a motion by name: its name starts with their stem (name without
-    component). Only the longest such stems count. Empty if the motion's header states a station."""
+    """Return the vertical motions whose stem (name without component) is the start of the motion's name. Only
+    the longest such stems count. Return none if the header of the motion states a station."""
     if motion.metadata.get("station"):
         return []
     stems = [(split_name(other.name)[0], other) for others in vertical.values() for other in others]

@@ -1,1 +1,1 @@
-"""Simplified methods of practice: hand formulas (P1) to (P7) from papers, guidelines and codes."""
+"""Simplified methods of practice from papers, guidelines and codes: (P1) to (P7) of docs/practice.md."""

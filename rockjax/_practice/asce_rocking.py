@@ -1,6 +1,6 @@
-"""Rocking of unanchored bodies by ASCE/SEI 43-05, Eqs. (P5), in the form derived from the energy balance.
+"""Rocking of unanchored bodies by ASCE/SEI 43-05, in the form derived from the energy balance.
 
-ĥ is the half height of the equivalent block.
+Equation (P5) is in docs/practice.md. ĥ is the half height of the equivalent block.
 """
 
 from __future__ import annotations

@@ -65,15 +65,15 @@ class MethodResult:
     """Result of a simplified method for one podium and n motions.
 
     - `name`: name for programs; `title`: name for readers; `source`: publication and clause
-    - `equation`: number of the formula, such as "(P1)"; `formula`: its text
+    - `equation`: number of the formula in docs/practice.md, such as "(P1)"; `formula`: its text
     - `quantity`, `unit`: what capacity and demand measure, and their unit (`"1"` for ratios)
     - `capacity`: capacity; None if it was not computed
     - `demand`: demand in each motion, shape (n,); None if it was not computed
     - `statistic`: the demand that is compared with the capacity: `"max"` or `"mean"` of the n demands
     - `passes`: whether the method accepts the podium; None without a verdict
-    - `rotation_ratio`: largest of `answers` for each motion, shape (n,) [–]; 1 for overturning, 0 without
-      uplift. None for methods that compute no rotation
-    - `answers`: all stable solutions θ/α for each motion, ascending; 1 stands for overturning. None for
+    - `answers`: for each motion, all stable solutions θ/α, ascending; 1 stands for overturning. None for
+      methods that compute no rotation
+    - `rotation_ratio`: for each motion, the largest of `answers`, shape (n,) [–]; 0 without uplift. None for
       methods that compute no rotation
     - `values`: intermediate numbers by name, each a `Quantity`
     - `conservative`: whether the method is on the safe side: `"yes"`, `"no"` or `"depends"`

@@ -1,4 +1,7 @@
-"""Capacities of the kinematic mechanism according to the Italian Circolare 7/2019, Eqs. (P7)."""
+"""Capacities of the kinematic mechanism according to the Italian Circolare 7/2019.
+
+Equation (P7) is in docs/practice.md.
+"""
 
 from __future__ import annotations
 

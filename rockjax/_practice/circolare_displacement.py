@@ -1,4 +1,4 @@
-"""Displacement check of the Italian Circolare 7/2019, (P7)."""
+"""Displacement check of the Italian Circolare 7/2019, (P7) of docs/practice.md."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Simplified force check of the Italian Circolare 7/2019 with a behaviour factor, (P7)."""
+"""Force check of the Italian Circolare 7/2019 with a behaviour factor, (P7) of docs/practice.md."""
 
 from __future__ import annotations
 

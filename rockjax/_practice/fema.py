@@ -1,4 +1,4 @@
-"""Rocking as a linear oscillator by FEMA 356, (P4)."""
+"""Rocking as a linear oscillator by FEMA 356, (P4) of docs/practice.md."""
 
 from __future__ import annotations
 

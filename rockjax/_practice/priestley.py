@@ -1,4 +1,7 @@
-"""Rocking as a linear oscillator with a rotation-dependent period: Priestley, Evison & Carr (1978), (P3)."""
+"""Rocking as a linear oscillator with a rotation-dependent period, by Priestley, Evison & Carr (1978).
+
+Equations with a P are in docs/practice.md.
+"""
 
 from __future__ import annotations
 

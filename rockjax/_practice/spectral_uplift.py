@@ -1,4 +1,4 @@
-"""Upper bound of the uplift demand from the response spectrum, (P2)."""
+"""Upper bound of the uplift demand, Eq. (9), from the response spectrum: (P2) of docs/practice.md."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Static equilibrium of the frame, Eqs. (P1)."""
+"""Static equilibrium of the frame, (P1) of docs/practice.md."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ def fragility_of(settings: models.Risk, find: Callable[[str], Path]) -> Any:
     - `settings`: the table `[risk]`
     - `find`: function that turns a file name of the table into a path
 
-    Raises `ValueError` if the file contains no fragility curve, if both a file and values are given, and
+    Raises `ValueError` if the file contains no fragility curve, if both a file and values are given, or
     if only one of median and dispersion is given.
     """
     parameters = [value for value in (settings.median, settings.dispersion) if value is not None]

@@ -1,10 +1,10 @@
 """Derivatives of programs, in forward mode together with the value.
 
-The answers of a scene are the floats and integers that its program returns. Inside a traced program,
-derivatives with respect to scalars come from a Jacobian (`_with_jacobian_rule`). A scene with concrete
-parameters has a stored program for all derivatives (`differentiable`). In one pass it computes the answers,
-and the derivatives of the floats with respect to every scalar parameter of the podium and the excitation.
-`jax.grad`, `jacfwd` and `jvp` combine these derivatives.
+A scene is one structure under one ground motion. Its answers are the floats and integers that its program
+returns. Scenes inside a traced program get the derivative rule of `_with_jacobian_rule`: a Jacobian with
+respect to the differentiated scalars. All other scenes get that of `differentiable`: a stored program that
+computes, in one pass, the answers and the derivatives of the floats with respect to every scalar parameter of
+the podium and the excitation. `jax.grad`, `jacfwd` and `jvp` combine these derivatives.
 """
 
 from __future__ import annotations
@@ -217,7 +217,7 @@ def find_dependent_outputs(function: Callable, argument: Any) -> Any:
 
 
 def is_concrete(leaf: Any) -> bool:
-    """Return whether a leaf has a concrete value, also inside `jax.grad` or `jax.jvp`."""
+    """Return whether the value of a leaf is known: outside jit, also inside `jax.grad` or `jax.jvp`."""
     if not isinstance(leaf, Tracer):
         return True
     # A tracer of `grad` or `jvp` holds the value at which the derivative is evaluated.
@@ -226,7 +226,7 @@ def is_concrete(leaf: Any) -> bool:
 
 
 def value_of(leaf: Any) -> Any:
-    """Return the concrete value of a leaf for which `is_concrete` holds."""
+    """Return the value of a leaf for which `is_concrete` holds."""
     while isinstance(leaf, Tracer):
         leaf = leaf.to_concrete_value()  # pyright: ignore[reportAttributeAccessIssue]
     return leaf

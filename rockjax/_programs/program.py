@@ -59,9 +59,9 @@ class StoredProgram:
     - `name`: name of the program in its key; by default the full name of the function
     - `description`: name of the program in progress bars
 
-    For concrete arguments on a single CPU, the program is loaded from the store if possible, without tracing
-    and compiling. Its results are bitwise identical to those of the program that was stored. All other
-    arguments, such as tracers, are passed to `jax.jit`.
+    For arguments that are not traced, on a single CPU, the program is loaded from the store if possible,
+    without tracing and compiling. Its results are bitwise identical to those of the program that was stored.
+    All other arguments, such as tracers, are passed to `jax.jit`.
     """
 
     def __init__(
@@ -317,7 +317,7 @@ def _cpu() -> Any:
 
 
 def _types(leaves: list[Any]) -> tuple[Hashable, ...] | None:
-    """Return the shapes and types of numbers and arrays; None unless all are concrete and on the CPU."""
+    """Return the shapes and types of numbers and arrays; None if one of them is traced or not on the CPU."""
     cpu_sharding, types = jax.sharding.SingleDeviceSharding(_cpu()), []
     for y in leaves:
         if isinstance(y, np.ndarray | np.generic):

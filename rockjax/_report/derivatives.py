@@ -65,7 +65,7 @@ def log_slopes(scenes: Scenes, entry: Entry, functions: Mapping[int, SlopesFunct
 def slopes_of(
     problem: Problem, function: Callable[[Podium, Value], Value], *, jit: bool = False
 ) -> SlopesFunction:
-    """Return a function that computes the value and the derivatives of `function`.
+    """Return a function that computes `function` and its derivatives with respect to `logs`, at `logs` = 0.
 
     - `function`: function (podium, logs) ↦ value, with the logarithms `logs` of the factors, (n + 1,). The
       podium is already multiplied by its factors; the function itself applies the factor on the motion,

@@ -1,4 +1,8 @@
-"""Least factors by which motions must be multiplied to lift or overturn the columns."""
+"""Least factors by which motions must be multiplied to lift or overturn the columns.
+
+A boundary is a factor at which the outcome changes between survival and overturning. A window is an interval
+of factors between two boundaries.
+"""
 
 from __future__ import annotations
 
@@ -38,12 +42,12 @@ BOUNDARY_ERROR = 1e-9  # relative error of overturning factors at the tolerances
 
 
 def least_factors(scenes: Scenes, name: str, event: str) -> xarray.Dataset:
-    """Return for each motion of a set the least factor that lifts or overturns the columns, along `motion`,
-    with an estimate of its error.
+    """Return the least factor that lifts or overturns the columns, with an estimate of its error, for each
+    motion of a set along `motion`.
 
     Above the least overturning factor, scenes overturn up to the factor `survives_from`, and again from
-    `overturns_again_from`. These factors are searched up to twice the least factor, and NaN if they are not
-    found. Narrow windows may be missed.
+    `overturns_again_from`. These two factors are searched up to twice the least factor. They are NaN if they
+    are not found. Narrow windows may be missed.
 
     - `scenes`: the scenes of the problem
     - `name`: name of the set; `event`: "uplift" or "overturning"
@@ -160,7 +164,8 @@ def boundary_options(problem: Problem) -> Options:
 
 
 def least_factor_slopes(scenes: Scenes, event: str, name: str, motion: int) -> SlopesFunction:
-    """Return a function that computes the least factor on a motion, and its derivatives.
+    """Return a function that computes the least factor on a motion, and its derivatives with respect to the
+    logarithms of `derivatives.py`.
 
     - `scenes`: the scenes of the problem
     - `event`: "uplift" or "overturning"
@@ -181,7 +186,8 @@ def least_factor_slopes(scenes: Scenes, event: str, name: str, motion: int) -> S
 
 
 def _overturning_slopes(problem: Problem, excitation: AbstractExcitation, factor: float) -> np.ndarray:
-    """Return the derivatives of the least overturning factor on a motion, (n + 1,)."""
+    """Return the derivatives (n + 1,) of the least overturning factor on a motion with respect to the
+    logarithms of `derivatives.py`."""
     podium = problem.podium.split_rows().without_elevation()
     options = boundary_options(problem)
     slopes, positions = boundary_slopes(podium, excitation, factor, MAX_SCALE, options)

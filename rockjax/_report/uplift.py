@@ -21,11 +21,11 @@ from rockjax._types import Values
 
 @dataclasses.dataclass(frozen=True)
 class UpliftRatio(AbstractOutput):
-    """Largest value over time of max(±q/q_up − r) [–].
+    """Largest uplift demand over time, divided by its threshold [–].
 
-    q is the demand of Eq. (9), q_up its threshold, and r the relative change of the threshold by vertical
-    motion. Without uplift, the ratio is proportional to the motion, and its inverse is the least factor on
-    the motion that lifts the columns.
+    The ratio is max(±q/q_up − r), with the demand q of Eq. (9), its threshold q_up, and the relative change
+    r of the threshold by vertical motion. As long as the columns do not lift, it is proportional to the
+    motion, so its inverse is the least factor on the motion that lifts them.
     """
 
     name = "uplift_ratio"

@@ -4,12 +4,14 @@ A rocking column turns by θ about a corner in its bottom joint (on the ground) 
 the beam). On the centre line, R sin α away from the corner, each joint opens by 2R sin α sin(|θ|/2). A
 device from the ground to the beam spans both joints and lengthens by
 
-    ℓ = 4R sin α sin(|θ|/2),
+    ℓ = 4R sin α sin(|θ|/2)
     (C1)
 
 and a device that spans only the bottom joint lengthens by ℓ/2. In dimensionless form, lengths are divided
 by R, times by 1/p, and forces by the weight m_c g of a column. Forces are functions of the stretch s = ℓ/R
 and the stretch rate r = ℓ̇/(Rp), except the force of an inerter, which is proportional to ℓ̈.
+
+Equations with a C are in docs/control.md and docs/equations.md.
 """
 
 import abc
@@ -120,7 +122,7 @@ class AbstractRestrainer(Module):
 
     @property
     def has_no_strength(self) -> bool:
-        """True if all strengths are concrete scalars equal to zero. The device then does nothing."""
+        """True if all strengths are scalars, not traced, and equal to zero. The device then does nothing."""
         values = [concrete(getattr(self, name)) for name in self.strength_fields]
         return bool(values) and all(y is not None and y.ndim == 0 and y == 0 for y in values)
 

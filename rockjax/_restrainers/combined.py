@@ -1,4 +1,7 @@
-"""Combined effect of all restrainers of a podium."""
+"""Combined effect of all restrainers of a podium.
+
+Equations with a C are in docs/control.md and docs/equations.md.
+"""
 
 from __future__ import annotations
 
@@ -77,8 +80,8 @@ def stability_angle(alpha: Number, weight: Number, restrainers: Sequence[Abstrac
     - `weight`: w = γ+η+½ [–]
     - `restrainers`: devices of a column
 
-    Up to α, both gravity and restrainers turn the column back. Therefore the root lies between α and π/2,
-    where the restoring moment V' of (C5) decreases through zero at most once.
+    Up to α, both gravity and restrainers turn the column back. Therefore θ_s lies between α and π/2. There,
+    the restoring moment V' of (C5) decreases through zero at most once.
     """
     with_static_force = [device for device in restrainers if device.has_static_force]
     if not with_static_force:

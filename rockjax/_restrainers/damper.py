@@ -45,7 +45,7 @@ class Damper(AbstractRestrainer):
 
     The force is 0 at zero rate, so a damper never holds the column. For ν < 1 the force has an infinite slope
     at zero rate, and is smoothed below a rate proportional to the tolerance (see docs/control.md). Raises
-    `ValueError` for concrete values outside these ranges.
+    `ValueError` for values outside these ranges; traced values are not checked.
     """
 
     coefficient: Number = eqx.field(converter=as_number("Damper: coefficient"))

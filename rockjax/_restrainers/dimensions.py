@@ -25,7 +25,7 @@ def restrainers_of(
     - `inertance`: inertance of the inerter [kg]
 
     A device is left out if its parameters, not counting the exponent, are the Python number 0. Raises
-    `ValueError` for concrete values out of range.
+    `ValueError` for values out of range; traced values are not checked.
     """
     require_not_negative(
         owner,

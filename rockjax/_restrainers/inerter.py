@@ -16,9 +16,9 @@ class Inerter(AbstractRestrainer):
     - `inertance`: μ = b/m_c, ≥ 0 [–]
     - `joints`: number of joints that the inerter spans: 2 (from ground to beam) or 1 (only the bottom joint)
 
-    An inerter acts in both directions, without play or clutch. It transmits an impulse at impacts, which
-    lowers the restitution factor of the laws `"paper"` and `"compatible"`,
-    [`rockjax.Podium.restitution_factor`][]. Raises `ValueError` for concrete values outside this range.
+    An inerter acts in both directions, without play or clutch. It transmits an impulse at impacts. This
+    impulse lowers the velocity factor ([`rockjax.Podium.restitution_factor`][]) of the laws `"paper"` and
+    `"compatible"`. Raises `ValueError` for values outside this range; traced values are not checked.
     """
 
     inertance: Number = eqx.field(converter=as_number("Inerter: inertance"))

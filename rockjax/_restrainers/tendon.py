@@ -19,8 +19,8 @@ class Tendon(AbstractRestrainer):
       the rocking stiffness is positive
     - `joints`: number of joints that the tendon spans: 2 (from ground to beam) or 1 (only the bottom joint)
 
-    The tendon never becomes slack and does not yield. Raises `ValueError` for concrete values outside
-    these ranges.
+    The tendon never becomes slack and does not yield. Raises `ValueError` for values outside these
+    ranges; traced values are not checked.
     """
 
     prestress: Number = eqx.field(converter=as_number("Tendon: prestress"))

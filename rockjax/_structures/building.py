@@ -1,4 +1,7 @@
-"""A building of several stories with rigid floors, as a superstructure."""
+"""A building of several stories with rigid floors, as a superstructure.
+
+Equations with a C are in docs/modes.md.
+"""
 
 from __future__ import annotations
 
@@ -69,8 +72,8 @@ class ShearBuilding(AbstractSuperstructure):
     - `retained`: the same number as `modes`, for `dataclasses.replace`
 
     [`rockjax.ShearBuilding.modes`][] returns the retained modes. Peaks and histories include story drifts
-    and floor accelerations. Raises `ValueError` for unequal lengths and for concrete values outside these
-    ranges.
+    and floor accelerations. Raises `ValueError` for unequal lengths and for values outside these ranges;
+    traced values are not checked.
     """
 
     rows: ClassVar[tuple[str, ...]] = ("masses", "stiffnesses", "damping", "heights")

@@ -1,4 +1,7 @@
-"""The column: its dimensions, checks of their units, and round ends."""
+"""The column: its dimensions, checks of their units, and round ends.
+
+(R5) is in docs/forces.md.
+"""
 
 from __future__ import annotations
 
@@ -61,7 +64,7 @@ def enlargement(owner: str, radius: Number, height: Number) -> Number:
     - `radius`: radius r_c of the round ends of a column, in [0, H) [m]
     - `height`: full height 2H of a column [m]
 
-    Raises `ValueError` for a concrete radius out of range.
+    Raises `ValueError` for a radius out of range, unless it is traced.
     """
     require_not_negative(owner, end_radius=radius)
     half_height = 0.5 * height

@@ -1,4 +1,7 @@
-"""The elevation of a podium: positions of its columns, and heights of the masses on them."""
+"""The elevation of a podium: positions of its columns, and heights of the masses on them.
+
+A row is an array with one value for each column, mode or floor along its last axis.
+"""
 
 from __future__ import annotations
 
@@ -38,8 +41,9 @@ class Elevation(Module):
       a [`rockjax.ShearBuilding`][] without `heights` one for each floor
     - `residual_height`: height of the residual mass of [`rockjax.Modes`][] above the top of the beam [m]
 
-    An elevation affects only forces in the joints, not the motion. Raises `ValueError` for concrete values
-    outside these ranges, for fewer than two columns, and if all columns have the same position.
+    An elevation affects only forces in the joints, not the motion. Raises `ValueError` for values outside
+    these ranges, for fewer than two columns, or if all columns have the same position; traced values are not
+    checked.
     """
 
     rows: ClassVar[tuple[str, ...]] = ("columns", "top_height")

@@ -1,4 +1,8 @@
-"""Impulses in the joints at an impact, divided by the impact speed."""
+"""Impulses in the joints at an impact, divided by the impact speed.
+
+Equations with an F are in docs/forces.md and docs/equations.md. The mean column has the mean of the impulses
+of all columns.
+"""
 
 from __future__ import annotations
 

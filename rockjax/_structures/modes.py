@@ -1,4 +1,8 @@
-"""A superstructure of several modes: oscillators in parallel on the beam."""
+"""A superstructure of several modes: oscillators in parallel on the beam.
+
+A row is an array with one value for each mode, story or column along its last axis. Equations with a C are in
+docs/modes.md.
+"""
 
 from __future__ import annotations
 
@@ -14,8 +18,7 @@ from .superstructures import AbstractSuperstructure, Elastic, Oscillators
 
 ROUNDING = 1e-9  # fraction by which the sum of modal masses may exceed the total mass
 
-# An array with values for modes, stories or columns along the last axis. In structures that `split_rows`
-# returns, a row is a tuple of its elements instead.
+# In structures that `split_rows` returns, a row is a tuple of its elements instead of an array.
 Row = Array
 
 
@@ -46,8 +49,8 @@ def split_row(values: Row | tuple[Number, ...]) -> tuple[Number, ...]:
 
 
 def stack_row(values: Row | tuple[Number, ...]) -> Array:
-    """Return a row as an array with its elements along the last axis. Concrete values use NumPy: outside jit,
-    every jnp call compiles separately."""
+    """Return a row as an array with its elements along the last axis. Values that are not traced use NumPy,
+    because outside jit every jnp call compiles separately."""
     if isinstance(values, tuple):
         xp = array_module(values)
         return xp.stack(xp.broadcast_arrays(*values), axis=-1)
@@ -66,7 +69,7 @@ def split_unless_scalar(values: Any) -> Any:
 
 
 def is_concrete_zero(value) -> bool:
-    """Return whether a value is concrete and zero."""
+    """Return whether a value is zero and not traced."""
     number = concrete(value)
     return number is not None and not np.any(number)
 
@@ -83,7 +86,7 @@ class Modes(AbstractSuperstructure):
 
     For one mode use [`rockjax.Elastic`][], for none `Rigid(residual)`. The last axis of displacements in
     [`rockjax.State`][] and of `peak_deformation` is the axis of modes. Raises `ValueError` for unequal
-    lengths and for concrete values outside these ranges.
+    lengths and for values outside these ranges; traced values are not checked.
     """
 
     rows: ClassVar[tuple[str, ...]] = ("eta", "T", "zeta")

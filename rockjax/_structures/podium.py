@@ -1,8 +1,9 @@
 """The podium: a frame of rocking columns, its superstructure and its restrainers.
 
 All classes of structures are frozen dataclasses and pytrees: `dataclasses.replace` makes a variant, and
-parameters may be traced, batched or differentiated. Parameters are in SI units (m, kg, s, rad); concrete
-values are checked.
+parameters may be traced, batched or differentiated. Parameters are in SI units (m, kg, s, rad). Their values
+are checked unless JAX traces them. Plain equation numbers are those of docs/model.md; docs/equations.md
+states where equations with a letter, such as (C10), are.
 """
 
 from __future__ import annotations
@@ -78,7 +79,8 @@ class Podium(Module):
       the joints of each column; None for forces of the mean column only
 
     Parameters may be arrays: a podium with arrays is a batch of podiums, for `jax.vmap` and
-    `rockjax.peak_responses`. Raises `ValueError` for concrete values outside these ranges.
+    `rockjax.peak_responses`. Raises `ValueError` for values outside these ranges; traced values are not
+    checked.
     """
 
     alpha: Number = eqx.field(converter=as_number("Podium: alpha"))

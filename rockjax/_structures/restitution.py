@@ -1,4 +1,7 @@
-"""Laws of restitution: the velocity factor e of an impact, |θ̇| after the impact divided by |θ̇| before it."""
+"""Laws of restitution: the velocity factor e of an impact, |θ̇| after the impact divided by |θ̇| before it.
+
+Plain equation numbers are those of docs/model.md; (C12) is in docs/control.md, (C13) in docs/equations.md.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +40,7 @@ class CompatibleRestitution(Module):
     """Law of conserved angular momentum about the new pivots, while the superstructure keeps its horizontal
     velocity, Eq. (26), (C13):
 
-    e = 1 − 2 sin²α (1+4γ+4η+4μ) / ((1+λ)+4γ+4(η+μ) sin²α), with μ of inerters.
+    e = 1 − 2 sin²α (1+4γ+4η+4μ) / ((1+λ)+4γ+4(η+μ) sin²α). Without inerters μ is 0.
     """
 
     def factor(

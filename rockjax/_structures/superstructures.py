@@ -2,6 +2,7 @@
 
 For the engine a superstructure consists of oscillators in parallel on the beam, and of a mass that moves with
 the beam. Properties marked as static are known before tracing, and determine which program is compiled.
+docs/equations.md states where equations with a letter, such as (C15), are.
 """
 
 from __future__ import annotations
@@ -74,8 +75,8 @@ class AbstractSuperstructure(Module):
 
     @property
     def story_weights(self) -> Array | None:
-        """Weights W_i of the modes i in the motion of each story j, (L2), shape (stories, modes); None if
-        there are no stories. The remaining weight 1 − ΣW_i belongs to the motion of the beam."""
+        """Weights of the modes in the motion of the stories, (L2), shape (stories, modes); None if there are
+        no stories. In each story, 1 minus the sum of the weights belongs to the motion of the beam."""
         return self.floors
 
     @property
@@ -124,7 +125,7 @@ class Elastic(AbstractSuperstructure):
     """An elastic single-degree-of-freedom superstructure, Eqs. (4), (22).
 
     - `eta`: mass ratio η = m_t/(N m_c), ≥ 0 [–]. With η = 0 it responds to the beam but does not act on it.
-    - `T_s`: fixed-base period, > 0 [s]. The paper's "T_s = 0" is [`rockjax.Rigid`][], not a small period.
+    - `T_s`: fixed-base period, > 0 [s]. For T_s = 0 use [`rockjax.Rigid`][], not a small period.
     - `zeta`: fixed-base damping ratio ζ ≥ 0 [–].
     """
 
@@ -180,7 +181,7 @@ class Elastic(AbstractSuperstructure):
 
 
 class Rigid(AbstractSuperstructure):
-    """A rigid superstructure: it adds to the beam, γ ← γ + η (the paper's "T_s = 0").
+    """A rigid superstructure, T_s = 0. Its mass is added to the mass of the beam: γ + η replaces γ.
 
     - `eta`: mass ratio η = m_t/(N m_c), ≥ 0 [–].
     """

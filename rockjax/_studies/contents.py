@@ -233,7 +233,8 @@ def _fit_with_jackknife(
     """Return the curve fitted to all records, and the curves that each omit one record.
 
     - `levels`: intensities, shape (m,)
-    - `reached`, `counted`: 1 where a record reaches the damage state, 1 where it counts, shape (n, m)
+    - `reached`: 1 where a record reaches the damage state, else 0, shape (n, m)
+    - `counted`: 1 where a record counts at a level, else 0, shape (n, m)
     """
     leave_one_out = lambda y: y.sum(axis=0) - np.concatenate([np.zeros((1, levels.size)), y])
     fits = jax.tree.map(np.asarray, fit_each_counts(levels, leave_one_out(reached), leave_one_out(counted)))
@@ -246,8 +247,8 @@ def _warn_of_undetermined(
     """Warn of curves and intervals that the counts do not determine, and of few records.
 
     - `data`: dataset of the curves; `confidence`: confidence level, or None
-    - `no_curve`, `no_interval`: True where the curve or its interval is missing, shape (contents, damage
-      states)
+    - `no_curve`, `no_interval`: arrays of shape (contents, damage states), True where the curve or its
+      interval is missing
     """
     cure = "use more records, or levels at which some but not all records reach the damage state"
     incomplete = no_interval & ~no_curve if confidence is not None else np.zeros_like(no_curve)

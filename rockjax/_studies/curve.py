@@ -46,7 +46,7 @@ def fragility(
     - `confidence`: confidence level of the intervals and the band, in (0, 1); None omits both
     - `limit`: a limit state in addition to overturning: (name, value) of a peak of the analysis, such as
       `("peak_friction", 0.3)` or `("least_axial_force", 0.0)`. A scene fails if the podium overturns, if the
-      peak exceeds the value, or if a `least_…` variable is below it. The worst mode, story, floor or joint
+      peak exceeds the value, or if a peak named `least_…` is below it. The worst mode, story, floor or joint
       counts. The `options` of the analysis must request the output that contains this peak
 
     Returns a Dataset. The scalars `median_capacity` and `dispersion` have the confidence intervals `interval`

@@ -254,7 +254,7 @@ def _spectrum(response: Response, start: State, t_end: float, request: _Request)
             levels=tuple(request.stories.values()),
             history=capacity_for(int(response.nodes.used)),
         )
-        # The same scene, but with the nodes of `solution`, which have derivatives.
+        # The nodes of `solution` replace those of the response, because only they have derivatives.
         scene = response.podium.split_rows(), scene[1], jax.tree.map(np.asarray, solution.nodes), *scene[3:]
     end = deck.last(t_end)
     (pieces, motion), slopes = pieces_of(scene, end), []

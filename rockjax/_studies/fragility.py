@@ -211,7 +211,7 @@ def incremental_dynamic_analysis(
     indices, y_range = np.arange(count), (0.0, float(levels[-1]))
     precompile_scan(plane, indices, y_range, options, width)
     peaks = peak_responses(*plane(indices[:, None], levels), options=options, progress=progress)
-    # Refinement would find ever narrower survival windows above the capacity.
+    # `refine_curved` would find ever narrower survival windows above the capacity.
     search = scan(
         plane, indices, y_range, resolution, options, progress, refine_curved=False, width=width, dips=False
     )
@@ -290,7 +290,8 @@ def overturning_distribution(
     """Return the differentiable median and dispersion of the least overturning scale factors of records.
 
     The function works under `jit`, `vmap` and `grad` with respect to the parameters of `podium`. A record
-    that no scale up to `max_scale` overturns counts as censored at `max_scale`, with a derivative of zero.
+    that no scale up to `max_scale` overturns is censored: the fit uses only that its factor is above this
+    constant.
     The result is NaN if fewer than two records overturn, or if the least factors of these records are equal.
     Outside jit, [`rockjax.incremental_dynamic_analysis`][] finds the same capacities on all cores.
 

@@ -87,7 +87,7 @@ def _outcome_function(
     options: Options,
     progress: Any,
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """Return a function of acceleration ratios, shape (n,), that tells which scenes overturn, shape (n,).
+    """Return a function: acceleration ratios ↦ whether the scenes overturn, both of shape (n,).
 
     - `podiums`, `spectra`: podiums whose pytrees have the same structure, and their spectra
     - `pulse`, `options`, `progress`: as for `with_boundaries`

@@ -1,11 +1,12 @@
 """Confidence intervals of the median, dispersion and probability of a fitted fragility curve.
 
 For capacities, the intervals follow from the profile likelihood: the largest likelihood that each value of
-the quantity allows. As a function of θ = 1/σ and δ = μ/σ, with μ and σ the mean and standard deviation of
-ln(capacity), the log-likelihood is concave (Olsen 1978), so its profiles have one maximum. Without censored
-records, the profile of the median is a function of Student's t statistic, and the profile of the dispersion
-is a function of the χ² statistic. Bounds at the quantiles of t and χ² are therefore exact. With censored
-records the same quantiles give approximate bounds.
+the quantity allows. Let μ and σ be the mean and the standard deviation of ln(capacity). As a function of θ =
+1/σ and δ = μ/σ the log-likelihood is concave (Olsen 1978), so its profiles have one maximum. A record is
+censored if its capacity is known only to exceed the highest level. Without censored records, the profile of
+the median is a function of Student's t statistic, and the profile of the dispersion is a function of the χ²
+statistic. Bounds at the quantiles of t and χ² are therefore exact. With censored records the same quantiles
+give approximate bounds.
 
 For counts, the jackknife over records is used, because counts at different levels come from the same records
 and are not independent.

@@ -54,8 +54,8 @@ def overturning_spectrum(
     - `pulse`: a pulse class such as `rockjax.Ricker`, or any function (a_p, T_p) ↦ excitation
     - `frequency_ratio`: ω_p/p, shape (n,), > 0
     - `max_acceleration_ratio`: end of the search, a_p/(g tan α), > 0 [–]
-    - `sensitivities`: parameters y for which d a_ov/d ln y is computed along the minimum: `"T_p"`, and
-      parameters of the podium, such as `"alpha"`, `"R"`, `"T_s"`. The other parameters are held constant
+    - `sensitivities`: parameters y with respect to whose logarithms the minimum is differentiated: `"T_p"`,
+      and parameters of the podium, such as `"alpha"`, `"R"`, `"T_s"`. The other parameters are held constant
     - `resolution`: number of equal intervals of the acceleration whose ends are evaluated first. Intervals in
       which the overturning margin may cross zero are divided further
     - `width`: the search for the minimum finds every interval of overturning accelerations that is wider than

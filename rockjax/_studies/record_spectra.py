@@ -1,4 +1,4 @@
-"""Record spectra: overturning demand and displacement of the column tops against the structure's size."""
+"""Effect of records on columns of different sizes: closeness to overturning, and displacement."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ def rocking_spectrum(
     resume: xarray.Dataset | None = None,
     sensitivities: Sequence[str] = (),
 ) -> xarray.Dataset:
-    """Compute peak responses of one podium over a grid of pulses, Section 4 of the paper.
+    """Compute peak responses of one podium over a grid of pulses.
 
     - `podium`: podium with scalar parameters
     - `pulse`: a pulse class such as `rockjax.Ricker`, or any function (a_p, T_p) ↦ excitation

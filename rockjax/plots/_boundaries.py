@@ -1,4 +1,7 @@
-"""Plots of overturning boundaries: least accelerations, windows of survival above them, sensitivities."""
+"""Plots of overturning boundaries: least accelerations, windows of survival above them, sensitivities.
+
+The least acceleration jumps where another branch of the boundary becomes the lowest.
+"""
 
 from __future__ import annotations
 
@@ -41,8 +44,7 @@ def overturning_curve(dataset: xarray.Dataset, ax: Axes | None = None, **line) -
 
 @styled
 def overturning_curves(panels: xarray.Dataset) -> Figure:
-    """Plot minimum overturning accelerations in the layout of the paper's Fig. 7: one panel per η/γ, one
-    curve per T_s.
+    """Plot minimum overturning accelerations: one panel per η/γ, one curve per T_s.
 
     `panels` is a rocking spectrum with the further dims `eta_over_gamma` and `T_s`.
     """
@@ -52,8 +54,7 @@ def overturning_curves(panels: xarray.Dataset) -> Figure:
 
 @styled
 def overturning_boundaries(panels: xarray.Dataset) -> Figure:
-    """Plot exact minimum overturning curves in the layout of the paper's Fig. 7, with windows of survival
-    shaded.
+    """Plot overturning spectra, with windows of survival shaded: one panel per η/γ, one curve per T_s.
 
     `panels` is an overturning spectrum with the further dims `eta_over_gamma` and `T_s`.
     """
@@ -188,8 +189,8 @@ def _add_legend_entry(ax: Axes, label: str, draw: Callable[[str], Any]) -> None:
 
 @styled
 def sensitivities(panels: xarray.Dataset) -> Figure:
-    """Plot ∂a_ov/∂ln y along the minimum overturning curves: one row per parameter y, one column per η/γ, one
-    curve per T_s.
+    """Plot derivatives of the least overturning acceleration with respect to ln y: one row per parameter y,
+    one column per η/γ, one curve per T_s.
 
     `panels` is an overturning spectrum with sensitivities and the further dims `eta_over_gamma` and `T_s`.
     """

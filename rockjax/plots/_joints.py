@@ -200,7 +200,7 @@ def lift_off_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, levels=LE
 
 @styled
 def lift_off_spectra(panels: xarray.Dataset) -> Figure:
-    """Plot least axial forces in the layout of the paper's Fig. 6: one row per η/γ, one column per T_s.
+    """Plot least axial forces: one row per η/γ, one column per T_s.
 
     `panels` is a rocking spectrum with the output `"axial_force"` and the further dims `eta_over_gamma` and
     `T_s`.

@@ -64,8 +64,8 @@ def _slope(dataset: xarray.Dataset, parameter: str | None) -> xarray.DataArray:
 
 @styled
 def sensitivity_spectra(panels: xarray.Dataset) -> Figure:
-    """Plot sensitivities of peak rotations in the layout of the paper's Fig. 6: one column per T_s, one row
-    per η/γ, and one block of rows per parameter.
+    """Plot sensitivities of peak rotations: one column per T_s, one row per η/γ, and one block of rows per
+    parameter.
 
     `panels` is a rocking spectrum with sensitivities and the further dims `eta_over_gamma` and `T_s`.
     """

@@ -170,7 +170,8 @@ class Kind(abc.ABC):
         """
 
     def slopes_function(self, entry: Entry, scenes: Scenes, case: int) -> SlopesFunction | None:
-        """Return a function that computes the value of a case and its derivatives; None if it has none."""
+        """Return a function that computes the value of a case, and its derivatives with respect to the
+        logarithms of `derivatives.py`; None if the value has no derivatives."""
         del entry, scenes, case
         return None
 

@@ -91,7 +91,7 @@ class FragilityKind(Kind):
 
 @dataclasses.dataclass(frozen=True)
 class AnnualKind(FragilityKind):
-    """The annual frequency from a hazard curve and a fragility curve, given in `[risk]` or made for a set."""
+    """The annual frequency, from a hazard curve and a fragility curve of `[risk]` or of a set of motions."""
 
     def read(self, keys: CheckKeys, reader: Reader, file: models.Problem, podium: Podium) -> dict[str, Any]:
         arguments = Kind.read(self, keys, reader, file, podium)
@@ -318,8 +318,8 @@ def _fragility(scenes: Scenes, name: str, named_measure: tuple[str, float | None
 
 
 def _numbers_of(curve: Any) -> list[float]:
-    """Return the numbers of a fragility curve that determine the annual frequency, the first of which are
-    median and dispersion."""
+    """Return the numbers of a fragility curve that determine the annual frequency: median and dispersion
+    first, then the others."""
     if isinstance(curve, Lognormal):
         return list(map(float, curve))
     names = ("median_capacity", "dispersion", "no_damage_limit", "min_intensity", "max_intensity")

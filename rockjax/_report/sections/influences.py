@@ -1,4 +1,4 @@
-"""Section 8: derivatives of the governing checks, and checks with changed inputs."""
+"""Section 8: derivatives of utilisations with respect to the inputs, and checks with changed inputs."""
 
 from __future__ import annotations
 
