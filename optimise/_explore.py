@@ -204,7 +204,8 @@ def explore(
 
 
 def _outputs(options: rj.Options) -> tuple[str, ...]:
-    """Return the outputs to request; the overturning margin needs engine="flat" and overturn_ratio ≤ 1."""
+    """Return the outputs to request. The overturning margin is requested only with engine="flat" and
+    overturn_ratio ≤ 1, where every structure has one."""
     return OUTPUTS if float(options.overturn_ratio) <= 1 and options.engine == "flat" else OUTPUTS[:-1]
 
 

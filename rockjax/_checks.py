@@ -1,7 +1,8 @@
 """Checks of arguments and their conversion to arrays.
 
-Only concrete values are checked. Values that `jax.jit`, `jax.vmap` or `jax.grad` traces cannot be checked;
-invalid ones are reported by the `result` of the scene. All messages begin with `owner`, a class or function.
+Only concrete values (numbers, not JAX tracers) are checked. Values that `jax.jit`, `jax.vmap` or `jax.grad`
+traces cannot be checked; invalid ones are reported by the `result` of the scene. All messages begin with
+`owner`, a class or function.
 """
 
 import functools
@@ -95,8 +96,8 @@ def refuse_sentinels(name: str, samples: np.ndarray) -> None:
     such as -999.
 
     One of the `_SENTINELS` counts as such a value if it is more than three times as large as all other
-    samples. It also counts if it occurs three times in succession, and the samples jump by more than half of
-    it where a run of this value starts or ends.
+    samples. It also counts if it fills at least three successive samples, and at the start or end of one of
+    its runs the samples jump by more than half its absolute value.
     """
     sizes = np.abs(samples)
     if not sizes.size or sizes.max() < _SENTINELS[0] - 1:
@@ -151,7 +152,7 @@ def _contains_string(x) -> bool:
 
 
 def as_number(name: str) -> Callable[..., Array]:
-    """Return the converter `as_float` for a field that messages call `name`."""
+    """Return `as_float` as a field converter whose error messages begin with `name`."""
     return functools.partial(as_float, label=name)
 
 

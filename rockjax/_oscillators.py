@@ -1,10 +1,12 @@
-"""Largest responses of linear oscillators to a piecewise polynomial floor acceleration a, (L5) to (L8).
+"""Largest responses of linear oscillators to a piecewise polynomial floor acceleration a, (L5) to (L8) of
+docs/floors.md and docs/equations.md.
 
-With z = ẋ − λ̄x and λ = −ζω + iω_d, the equation ẍ + 2ζωẋ + ω²x = −a becomes ż = λz − a, with one complex
-unknown instead of two real ones. At a velocity jump Δv of the floor, z⁺ = z⁻ − Δv. The solution over a piece
-is exact up to rounding. The displacement x relative to the floor, and 2ζωẋ + ω²x, which is minus the absolute
-acceleration, are responses of the form q = Re(c z) with complex factors c. The same search finds the largest
-|q| of both.
+An oscillator has the frequency ω, the damping ratio ζ and the damped frequency ω_d. With z = ẋ − λ̄x, λ = −ζω
++ iω_d and its conjugate λ̄, the equation ẍ + 2ζωẋ + ω²x = −a becomes ż = λz − a, with one complex unknown
+instead of two real ones. At a velocity jump Δv of the floor, z⁺ = z⁻ − Δv. A piece is a time interval in
+which a is one polynomial; the solution over a piece is exact up to rounding. The displacement x relative to
+the floor, and 2ζωẋ + ω²x, which is minus the absolute acceleration, are responses of the form q = Re(c z)
+with complex factors c. The same search finds the largest |q| of both.
 """
 
 from __future__ import annotations

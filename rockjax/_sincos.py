@@ -80,8 +80,8 @@ _PI = (3.1415926534682512, 1.2154201012607932e-10, 4.044532497591901e-21)
 @jax.custom_jvp
 @jax.jit
 def sin(x: Value) -> Value:
-    """Return sin x for any x. The error is about two rounding errors of the result, or one rounding error
-    of x."""
+    """Return sin x for any x. The error is at most about two rounding errors of the result or one rounding
+    error of x, whichever is larger."""
     half_turns, sign = _half_turns(x)
     s, _ = sincos(_subtract_half_turns(x, half_turns))
     return sign * s

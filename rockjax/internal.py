@@ -1,4 +1,7 @@
-"""Private names of rockjax that the package `optimise` uses. They may change without notice."""
+"""Private names of rockjax that several modules of the package `optimise` use.
+
+Other private names are imported from the modules that define them. All of them may change without notice.
+"""
 
 from ._boundaries.margin import DEFAULT_WIDTH
 from ._checks import (

@@ -1,8 +1,9 @@
 """Preparation of a chunk of scenes for the lanes, and the step of a lane.
 
-If sensitivities are requested, every quantity that depends on the parameters has a second array, its slopes:
-the derivatives, with a row for each parameter. `push_forward` evaluates functions of scene and state together
-with the slopes of their results, by the same rules as for one scene.
+A lane solves one scene at a time; a chunk is a set of scenes that are prepared together. If sensitivities are
+requested, every quantity that depends on the parameters has a second array, its slopes: the derivatives with
+respect to the logarithms of the parameters, with a row for each parameter. `push_forward` evaluates functions
+of scene and state together with the slopes of their results, by the same rules as for one scene.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from rockjax._types import Flag
 
 
 class LaneLayout(NamedTuple):
-    """Static choices of a program for lanes, besides the options."""
+    """Choices of a program for lanes that are fixed at compilation, besides the options."""
 
     axes: tuple[int | None, ...]  # for each leaf of a chunk, 0 if scenes have different rows, else None
     structure: Any  # tree structure of (podium, excitation, initial, t_end)
@@ -52,7 +53,7 @@ class LaneLayout(NamedTuple):
 
 
 class LaneDerivatives(NamedTuple):
-    """Derivatives of the scenes and states of lanes, with a row for each parameter."""
+    """Slopes of the scenes and states of lanes, with a row for each parameter."""
 
     varying: list[Any]  # derivatives of `Lanes.varying`; None for leaves without derivatives
     states: dict[str, Any]  # derivatives of the `differentiated_fields` of a `LoopState`
@@ -86,7 +87,7 @@ def step_functions(plan: Plan, options: Options):
 
 
 class _ChunkDerivatives(NamedTuple):
-    """Derivatives of the scenes and states of a chunk, with a row for each parameter."""
+    """Slopes of the scenes and states of a chunk, with a row for each parameter."""
 
     varying: list[Any]  # derivatives of `Chunk.varying`
     common: list[Any]  # derivatives of `Chunk.common`

@@ -1,5 +1,5 @@
 """Edge distance of a scene: the estimated change of ln s at which the scene could overturn, where s is the
-scale of the ground motion.
+scale (a factor) of the ground motion.
 
 At the turning points of the rotation, the overturning margin M and the angular deceleration are extrapolated
 linearly in ln s. According to the margin, the scene would overturn at the distance M/|∂M/∂ ln s|. Where the

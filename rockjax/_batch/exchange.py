@@ -1,8 +1,9 @@
 """Exchange of finished scenes: lanes store answers and load the next scenes.
 
-To serve a lane means to store the answers (all outputs) of its finished scene and to load the next scene. The
-few lanes of a CPU are served one after another: only changed rows are copied, and the loop over a chunk
-compiles to one function of machine code. The thousands of lanes of an accelerator are served in parallel.
+A lane solves one scene at a time. To serve a lane means to store the answers (all outputs) of its finished
+scene and to load the next scene from the chunk, the scenes that were prepared together. The few lanes of a
+CPU are served one after another: only changed rows are copied, and the loop over a chunk compiles to one
+function of machine code. The thousands of lanes of an accelerator are served in parallel.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""Executors: they advance the lanes of a batch, with one thread per CPU core, or with one thread for all
-accelerators."""
+"""Executors, which advance the lanes of a batch with one thread per CPU core, or with one thread for all
+accelerators. A lane solves one scene after another."""
 
 from __future__ import annotations
 

@@ -32,7 +32,8 @@ from .exchange import Answers, DoneScenes, Lanes, Loop, empty_storage, exchange_
 from .scenes import SceneBatch, SceneIndices
 
 WAITING_SHARE = 3 / 32  # scenes are exchanged once this fraction of all lanes waits
-# Samples are skipped while more than 1/SKIPPING_DIVISOR of the running lanes can skip one.
+# Samples of the ground motion are skipped while more than 1/SKIPPING_DIVISOR of the running lanes can skip
+# one.
 SKIPPING_DIVISOR = 2
 
 

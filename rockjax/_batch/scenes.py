@@ -1,4 +1,5 @@
-"""Batches of scenes: the broadcast arguments of all scenes, stored without repetition."""
+"""Batches of scenes (each one podium under one motion): the broadcast arguments of all scenes, stored without
+repetition."""
 
 from __future__ import annotations
 

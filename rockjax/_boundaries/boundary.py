@@ -1,15 +1,17 @@
-"""The overturning boundary of a podium: the least scale of a ground motion that overturns it, with
-derivatives.
+"""The overturning boundary of a podium: the least scale (factor on a ground motion) that overturns it, with
+derivatives with respect to the parameters of podium and motion.
 
 A larger scale may survive although a smaller one overturns. Under a record, windows (intervals of scales that
 overturn) may be as narrow as 1e-4 of the range, without any effect on neighbouring scales. Therefore scales
-are evaluated from below up to the first that overturns, spaced so closely that no window of the requested
-width is missed. The change from survival to overturning is then enclosed in ever narrower brackets. If all
-values are concrete, the scenes are solved as batches on all cores. Under `jit` a loop solves rows of scales.
+are evaluated from below up to the first that overturns, spaced so closely that every window of the requested
+width is found. The change from survival to overturning is then enclosed in ever narrower brackets. If no
+value is traced by JAX, the scenes are solved as batches on all cores. Under `jit` a loop solves a fixed
+number of scales at a time.
 
-Derivatives of the boundary a* follow from the implicit function theorem, da* = −dM/(∂M/∂a), with the margin M
-just past the boundary. M passes through zero with a nonzero slope. The derivatives are therefore well
-conditioned, even though the columns stay near the unstable equilibrium for a long time.
+The overturning margin M of a scene (one podium under one motion) is positive if the columns survive and
+negative if they overturn. Derivatives of the boundary a* follow from the implicit function theorem, da* =
+−dM/(∂M/∂a), with M just past the boundary. M passes through zero with a nonzero slope. The derivatives are
+therefore well conditioned, even though the columns stay near the unstable equilibrium for a long time.
 """
 
 from __future__ import annotations
@@ -65,8 +67,8 @@ class Boundary(Module):
       there is no minimum. If the dip became zero, the boundary would jump to the scale of this minimum
     - `one_sided`: True if the dip is so low that the boundary is about to jump; the derivative is then
       one-sided
-    - `certain_width`: width above which every interval of overturning scales below `scale` would have been
-      found [–]. It is at most the requested `width` times `max_scale`, unless scenes did not finish
+    - `certain_width`: an interval of overturning scales below `scale` that the search missed is not wider
+      than this [–]. It is at most the requested `width` times `max_scale`, unless scenes did not finish
     """
 
     scale: Float[Array, "*batch"]
@@ -178,8 +180,8 @@ def overturning_boundary(
     - `excitation`: ground motion that can be scaled
     - `max_scale`: end of the search, > 0 [–]
     - `options`: options of the scenes, which determine the accuracy of the boundary
-    - `width`: fraction of `max_scale`, in (0, 0.1]. No interval of overturning scales below the boundary that
-      is wider than this is missed. Scales are evaluated from the first that lifts the columns up to the
+    - `width`: fraction of `max_scale`, in (0, 0.1]. Every interval of overturning scales below the boundary
+      that is wider than this is found. Scales are evaluated from the first that lifts the columns up to the
       boundary. Their spacing follows from derivatives of the margin, or is about `width` under `jit`. A
       `max_scale` far above the boundary costs little time, but a range in which nothing overturns needs up to
       about 1/`width` scenes
@@ -263,8 +265,8 @@ def _boundary(podium: Podium, excitation, limit, options: Options, width, uses_m
 def boundary_slopes(
     podium: Podium, excitation: AbstractExcitation, scale: float, max_scale: float, options: Options
 ) -> tuple[np.ndarray, tuple[int, ...]]:
-    """Return the derivatives of a boundary that has been found, shape (k,), and the indices of the k
-    parameters among the leaves of (podium, excitation in its common form).
+    """Return the derivatives of a known boundary with respect to the k parameters, shape (k,), and the
+    indices of these parameters among the leaves of (podium, excitation in its common form).
 
     - `podium`, `excitation`, `max_scale`, `options`: arguments of the search; no value may be traced
     - `scale`: the boundary; if it is inf, the derivatives are zero
@@ -278,14 +280,14 @@ def boundary_slopes(
 
 
 def _without_tangents(tree):
-    """Return the concrete values of a pytree, without tangents. A pytree with traced values stays as it is.
+    """Return the values of a pytree as numbers, without tangents. A pytree with traced values stays as it is.
     This saves time, because outside jit every jnp operation on tangents compiles separately."""
     return jax.tree.map(value_of, tree) if all(map(is_concrete, jax.tree.leaves(tree))) else tree
 
 
 def _make_search(structure, uses_margin: bool) -> Callable[..., FirstBoundary]:
-    """Return the search as a function of all leaves of its arguments. If the leaves are concrete, the search
-    uses NumPy, also under `vmap`."""
+    """Return the search as a function of all leaves of its arguments. If the leaves are numbers (not traced
+    by JAX), the search uses NumPy, also under `vmap`."""
 
     @jax.custom_batching.custom_vmap
     def program(*leaves):
@@ -310,7 +312,7 @@ def _make_search(structure, uses_margin: bool) -> Callable[..., FirstBoundary]:
         if _any_traced(leaves):
             return program(*leaves)
         first = _search_in_batches([np.asarray(y)[None] for y in leaves], 1, structure, uses_margin)
-        # NumPy arrays stay concrete inside a transformation such as `grad`; JAX arrays would be traced.
+        # NumPy arrays keep their values inside a transformation such as `grad`; JAX arrays would be traced.
         return jax.tree.map(lambda y: np.asarray(y[0]), first)
 
     return search

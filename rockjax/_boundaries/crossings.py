@@ -1,7 +1,8 @@
 """Changes between survival and overturning along lines of scenes.
 
-A line is a set of scenes with the same x and varying y, such as the period and the amplitude of a pulse.
-Lines are scanned first, and every change is then enclosed in a narrow bracket.
+A line is a set of scenes with the same x and varying y, such as the period x and the amplitude y of a pulse.
+Lines are scanned first, and every change is then enclosed in a narrow bracket. The margin of a scene is
+positive if it survives and negative if it overturns; a dip is a minimum of the margin along a line.
 """
 
 from __future__ import annotations
@@ -97,7 +98,7 @@ class Scan(NamedTuple):
     crossings: Crossings
     lower_end_survives: np.ndarray  # True for lines whose lower end survives
     dip: np.ndarray  # lowest dip below the first crossing of each line; 1 for a line without dips
-    certain_width: np.ndarray  # for each line, width above which no overturning interval was missed
+    certain_width: np.ndarray  # for each line, largest width of an overturning interval that may be missed
     scenes: int  # number of solved scenes
 
 
@@ -124,8 +125,8 @@ def scan(
     - `refine_curved`: True to refine intervals in which the margin is so curved that it may cross zero
       unnoticed; ignored with `first_only`
     - `first_only`: True to return only the first change of each line
-    - `width`: fraction of the range. If the motion is proportional to y, no overturning interval below the
-      first change that is wider than this is missed. None omits the search for such intervals
+    - `width`: fraction of the range. If the motion is proportional to y, every overturning interval below the
+      first change that is wider than this is found. None omits the search for such intervals
     - `dips`: True to refine the lowest dips of the margin; otherwise only dips in which an overturning
       interval may open are refined, and `Scan.dip` is approximate
 
@@ -247,8 +248,8 @@ def _has_edge_distances(plane: Plane, x: np.ndarray, max_y: float, options: Opti
 
 
 def curvature_indicator(y: np.ndarray, margin: np.ndarray, same_line: np.ndarray) -> np.ndarray:
-    """Return how much the margin may deviate from a straight line between neighbours, divided by its distance
-    from zero, shape (n−1,).
+    """Return how much the margin may deviate from a straight line between neighbours, divided by the distance
+    of the margin from zero, shape (n−1,).
 
     - `y`, `margin`: positions and margins, sorted by line and y, shape (n,)
     - `same_line`: True for neighbours that belong to the same line, shape (n−1,)
@@ -261,7 +262,7 @@ def curvature_indicator(y: np.ndarray, margin: np.ndarray, same_line: np.ndarray
     h = np.where(h > 0, h, 1.0)
     slope = np.where(same_line, (margin[1:] - margin[:-1]) / h, 0.0)
     inner = same_line[1:] & same_line[:-1]
-    # Half of the second derivative, which is unknown at the ends of a line.
+    # Half of the second derivative of the margin with respect to y, which is unknown at the ends of a line.
     half_curvature = np.where(inner, np.abs(slope[1:] - slope[:-1]) / (h[1:] + h[:-1]), 0.0)
     half_curvature = np.maximum(np.append(0.0, half_curvature), np.append(half_curvature, 0.0))
     left, right = margin[:-1], margin[1:]

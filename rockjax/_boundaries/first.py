@@ -1,12 +1,15 @@
-"""Search for the first boundary of one motion inside a compiled program.
+"""Search, within a compiled program, for the first boundary of one motion: the least factor on the motion
+that overturns.
 
-Scales (factors on the motion) are solved in rows, from below:
+Scales (factors on the motion) are simulated `ROW_SIZE` at a time, in rows. The margin of a scene is 1 if the
+columns do not lift, and ≤ 0 if they overturn. The stages are:
 
 1. A coarse row over the whole range shows up to which scale the columns never lift.
 2. From there, rows at the requested spacing follow up to the first scale that overturns.
-3. A row at full accuracy confirms this change of the outcome; otherwise the search continues upwards.
-4. The lowest dips (minima of the margin) below the change are refined, because overturning intervals narrower
-   than the spacing may open there.
+3. A row at full accuracy around this scale checks the change from survival to overturning. If no scale of the
+   row overturns, the search continues above it.
+4. The lowest minima of the margin (dips) below the change are refined, because an overturning interval
+   narrower than the spacing may lie there.
 5. The lowest change is enclosed in ever narrower brackets.
 """
 
@@ -33,7 +36,8 @@ ROOT_OFFSETS = np.logspace(-9, -1, ROW_SIZE // 4)
 
 COARSE, SCAN, CONFIRM, ZOOM, NARROW = range(5)  # the stages
 
-# (scales, whether at full accuracy) ↦ (margins, NaN for scenes that did not finish; numbers of impacts)
+# (scales, whether at full accuracy) ↦ (margins, numbers of impacts). The margin is NaN if the scene did not
+# finish.
 SolveRow = Callable[[Array, Array], tuple[Array, Array]]
 
 
@@ -42,7 +46,7 @@ class FirstBoundary(NamedTuple):
 
     scale: Any  # the least scale that overturns; inf if nothing overturns
     dip: Any  # the lowest dip of the margin below the boundary; 1 if there is none
-    certain_width: Any  # width above which the search finds every overturning interval below the boundary
+    certain_width: Any  # an overturning interval below `scale` that the search missed is not wider than this
     impacts: Any  # number of impacts before overturning
 
 
@@ -150,7 +154,8 @@ def _update_scan(state: _State, scales: Array, margin: Array, impacts: Array, li
         jnp.where(is_dip[:, None], triples(margin), 1.0),
     )
     dips, margins = jnp.concatenate([state.dips, new_dips]), jnp.concatenate([state.dip_margins, new_margins])
-    # The lowest dips stay, compared by their depth: the margin at which straight lines from both sides meet.
+    # Keep the dips with the lowest estimated minimum: the middle margin, minus the distance by which it lies
+    # below the mean of its two neighbours.
     depth = 2 * margins[:, 1] - 0.5 * (margins[:, 0] + margins[:, 2])
     _, lowest = jax.lax.top_k(-depth, DIPS)
     return state._replace(
@@ -206,7 +211,8 @@ def _update_zoom(state: _State, scales: Array, margin: Array, impacts: Array, li
     candidates = jnp.concatenate([scales, state.dips.ravel(), state.lo[None]])
     candidate_margins = jnp.concatenate([margin, state.dip_margins.ravel(), state.lo_margin[None]])
     last = jnp.argmax(jnp.where((candidate_margins > 0) & (candidates < hi), candidates, -1.0))
-    # Every dip becomes the scale with the lowest margin, with the neighbouring scales on both sides.
+    # Each dip now has five scales. Of the inner three, keep the survivor with the lowest margin, together
+    # with its two neighbours.
     dip_scales, dip_margins = (
         jnp.concatenate([state.dips, new_scales], axis=1),
         jnp.concatenate([state.dip_margins, new_margins], axis=1),

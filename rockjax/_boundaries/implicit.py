@@ -1,8 +1,9 @@
 """Derivatives of a boundary with respect to parameters of podium and motion, by the implicit function
 theorem.
 
-The overturning margin M is zero on the boundary a*. Therefore da* = −dM/(∂M/∂a). If the margin does not
-apply, the time of overturning replaces it, see `boundary_residual`.
+The boundary a* is the least factor a on the motion, or the least amplitude a, that overturns the podium. The
+overturning margin M is zero there. Therefore da* = −dM/(∂M/∂a). If the margin does not apply, the time of
+overturning replaces M, see `boundary_residual`.
 """
 
 from __future__ import annotations
@@ -76,8 +77,8 @@ def boundary_change(leaves, varied_tangents, scale, structure, varied: tuple[boo
 
 @StoredProgram
 def boundary_gradient(arguments, scale, *, positions: tuple[int, ...], uses_margin: bool):
-    """Return the derivatives of the boundary with respect to parameters of podium and motion, shape
-    (positions,).
+    """Return the derivatives of the boundary with respect to parameters of podium and motion, one for each
+    element of `positions`.
 
     - `arguments`: (podium, excitation, limit, (options, width))
     - `scale`: the boundary; inf if there is none

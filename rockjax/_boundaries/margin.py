@@ -1,5 +1,5 @@
-"""Signed margin of a scene: positive if the scene survives, zero on the boundary, negative if it
-overturns."""
+"""Signed margin of a scene (one podium under one motion): positive if the scene survives, zero on the
+boundary, negative if it overturns."""
 
 from __future__ import annotations
 
@@ -12,14 +12,18 @@ from rockjax._checks import concrete
 from rockjax._options import Options
 from rockjax._structures import Podium
 
-DEFAULT_WIDTH = 1e-4  # by default, no overturning interval wider than this fraction of the range is missed
-SCAN_TOLERANCE = 1e-6  # tolerance in a scan, and about the relative error of boundaries between its scenes
+# By default, a scan finds every interval of overturning that is wider than this fraction of the scanned
+# range.
+DEFAULT_WIDTH = 1e-4
+# Relative tolerance of the scenes of a scan. A boundary that these scenes show has about the same relative
+# error.
+SCAN_TOLERANCE = 1e-6
 _LEAST_SURVIVING_MARGIN = float(np.finfo(np.float32).tiny)  # least margin of a scene that survives
 
 
 def has_margin(options: Options, podium: Podium) -> bool:
-    """Return whether the overturning margin applies: the overturning angle `overturn_ratio`·α is concrete,
-    and is at most the stability angle θ_s (α if there are no tendons)."""
+    """Return whether the overturning margin applies: the overturning angle `overturn_ratio`·α is known as a
+    number (not traced by JAX), and is at most the stability angle θ_s (α if there are no tendons)."""
     ratio = concrete(options.overturn_ratio)
     if ratio is None or bool(np.all(ratio <= 1)):
         return ratio is not None
@@ -50,8 +54,8 @@ def signed_margin(floats: dict[str, Any], overturned, overturn_ratio, uses_margi
 
 
 def boundary_residual(floats: dict[str, Any], uses_margin: bool):
-    """Return the output that is differentiated just past the boundary: the margin or, if it does not apply,
-    the time of overturning.
+    """Return the output whose derivatives, taken just on the overturning side of the boundary, give the
+    derivatives of the boundary: the margin or, if it does not apply, the time of overturning.
 
     The time of overturning and its derivatives grow without bound towards the boundary, but ratios of its
     derivatives tend to derivatives of the boundary.
@@ -66,6 +70,7 @@ def margin_options(options: Options, uses_margin: bool) -> Options:
 
 def scan_options(options: Options, width, xp: Any = jnp) -> Options:
     """Return less accurate options for a scan, still accurate enough to find overturning intervals wider than
-    `width`, a fraction of the range. Changes of the outcome are later confirmed with `options`."""
+    `width`, a fraction of the range. Where neighbouring scenes of the scan differ in outcome, they are later
+    checked with `options`."""
     loose = SCAN_TOLERANCE * xp.minimum(1.0, width / DEFAULT_WIDTH)
     return options.replace(rtol=xp.maximum(options.rtol, loose), atol=xp.maximum(options.atol, 1e-2 * loose))

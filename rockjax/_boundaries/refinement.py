@@ -1,16 +1,20 @@
 """Points along lines of scenes: the spacing of points, and the search for windows between points.
 
-A window is an interval of y in which scenes overturn. The search must not miss windows wider than a requested
-width; the spacing is slightly less than this width. The edge distance of a scene is the estimated change of y
-at which the scene could overturn (see `_batch/edge_distance.py`).
+A line is a set of scenes in which only y varies, such as the factor on the motion. A window is an interval of
+y in which scenes overturn. The search must find every window wider than a requested width; the spacing is
+slightly less than this width. The edge distance of a scene is the estimated change of y at which the scene
+could overturn (see `_batch/edge_distance.py`).
 
 The distance of two neighbours that both survive is at most `DISTANCE_SHARE` times the sum of both edge
-distances: a window in between would contradict the derivatives at all turning points of both scenes. But
-windows that are a few spacings wide may have no effect on the scenes beside them. Therefore the distance is
-also at most `MAX_SPACINGS` spacings. It is one spacing if edge distances are short or unknown. This rule is
-an estimate, not a proof. For comparison `benchmarks/boundaries.py` evaluates every scale.
+distances: a window in between would contradict these estimates, which follow from derivatives at all turning
+points of both scenes. But windows that are a few spacings wide may have no effect on the scenes beside them.
+Therefore the distance is also at most `MAX_SPACINGS` spacings. It is one spacing if edge distances are short
+or unknown. This rule is an estimate, not a proof. For comparison `benchmarks/boundaries.py` evaluates every
+scale.
 
 Points are whole multiples of the spacing, so that repeated divisions of a step end at exactly one spacing.
+The first change of a line is the least y at which survival turns into overturning; a dip is a minimum of the
+margin.
 """
 
 from __future__ import annotations
@@ -83,7 +87,7 @@ SolveScenes = Callable[[np.ndarray, np.ndarray, bool], SolvedScenes]
 
 
 def spacing_for(width: float | None, size: float, resolution: int) -> float:
-    """Return the spacing of points with which no window wider than `width` is missed.
+    """Return the spacing of points with which every window wider than `width` is found.
 
     - `width`: width of a window divided by `size`; None to omit the search, with the spacing inf
     - `size`: length of the range
@@ -213,7 +217,8 @@ def points_around_dips(
     beside a dip.
     """
     dips, margin = find_dips(solved), solved.margin
-    # The depth is the margin at which straight lines from both sides would meet.
+    # The depth is an estimate of the minimum: the margin of the dip, minus the distance by which it lies
+    # below the mean of its two neighbours.
     depth = 2 * margin[dips] - 0.5 * (margin[dips - 1] + margin[dips + 1])
     is_candidate = depth < (0.0 if may_open else least_dip(solved)[solved.line[dips]])
     dips, depth = dips[is_candidate], depth[is_candidate]

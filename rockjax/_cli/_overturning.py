@@ -17,7 +17,8 @@ def overturning(
 ) -> None:
     """Compute overturning boundaries against pulse frequency, with survival windows above the first boundary.
 
-    Without options, computes Fig. 7 of the paper with exact boundaries. Writes OUTPUT.nc,
+    Without options, computes Fig. 7 of the paper that defines the model (see docs/citing.md). Boundaries are
+    roots of the overturning margin, not limits between the cells of a grid. Writes OUTPUT.nc,
     OUTPUT-boundaries.png and, with sensitivities, OUTPUT-sensitivity.png. Ctrl-C saves the finished podiums
     in OUTPUT.partial.nc; --resume continues with the others.
 

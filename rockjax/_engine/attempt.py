@@ -1,4 +1,8 @@
-"""A trial step: its length, its error, the state just past its end, and the length of the next step."""
+"""A trial step: its length, its error, the state just past its end, and the length of the next step.
+
+A trial step is a step that may still be rejected, or shortened to end on an event. It ends at the next
+breakpoint of the excitation (a time at which the ground motion has a jump or a kink) at the latest.
+"""
 
 from __future__ import annotations
 
@@ -20,22 +24,23 @@ from .runge_kutta import Acceleration, Step
 from .runge_kutta import step as runge_kutta
 from .state import Decision, LoopState, Plan, Scene
 
-# An event or breakpoint counts as simultaneous with the end of the scene if the time between them is below
-# this multiple of the time resolution.
+# An event or breakpoint counts as simultaneous with the end of the scene if it comes less than this multiple
+# of the time resolution before it.
 SIMULTANEOUS = 100
 # Step-size control: safety factor, and the limits of the factor from one step length to the next.
 SAFETY, SHRINK, GROW = 0.85, 0.2, 5.0
-# Limit of |y| in the series for the duration of a hop (`_length`). For y > 1 the columns would not return.
+# Largest |y| in the power series of `_length` for the time from θ = 0 to the next impact. For y > 1 the
+# estimate never returns to θ = 0.
 MAX_SERIES_ARGUMENT = 0.8
 GroundAcceleration = Callable[[Value], Value]  # t ↦ ü_g(t) on one piece of the excitation
 
 
 class Attempt(NamedTuple):
-    """A trial step and its accuracy."""
+    """A trial step and its accuracy. "Held constant" refers to differentiation."""
 
     h: Value  # length of the step [s]
     reaches_stop: Flag  # the step ends at `stop`
-    stop: Value  # time of the next breakpoint or of the end of the scene, with its derivative [s]
+    stop: Value  # time of the next breakpoint or of the end of the scene, not held constant [s]
     ends_scene: Flag  # the step ends at the end of the scene
     starts_at_zero: Flag  # the step starts rocking from θ = 0, after an impact or an uplift
     a0: Vector  # accelerations at the start
@@ -48,12 +53,13 @@ class Attempt(NamedTuple):
 
 
 class StepOutcome(NamedTuple):
-    """Outcome of a trial: accepted, shortened or rejected, and the events at its end."""
+    """Outcome of a trial: accepted, shortened or rejected, and the events at its end. "Held constant" refers
+    to differentiation."""
 
     accepted: Flag
     retry_fraction: Value  # fraction of this step that is tried next; inf if no shorter step is needed
-    lands: Flag  # the step ends on an event, apart from the short time `after`
-    after: Value  # time from the end of the step to its event or breakpoint, with the derivative [s]
+    lands: Flag  # the end of the step coincides with an event up to the small time difference `after`
+    after: Value  # time from the end of the step to its event or breakpoint, not held constant [s]
     false_uplift: Flag  # the step does not confirm the uplift, so the columns return to full contact
     largest: tuple[Any, ...]  # largest value of each output in the step; None if the output has no maximum
 
@@ -61,10 +67,10 @@ class StepOutcome(NamedTuple):
 def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Decision | None) -> Attempt:
     """Try one step from a state, without a search for events.
 
-    - `scene`, `plan`: the prepared scene and its static choices
+    - `scene`, `plan`: the prepared scene, and its choices fixed at compilation, such as the tableau
     - `state`: state at the start of the step
     - `ground_at`: t ↦ ground acceleration on the present piece of the excitation [m/s²]
-    - `replayed`: recorded decision of an accepted step, which fixes the length; None for a free choice
+    - `replayed`: recorded decision of an accepted step, which fixes the length; None if the length is free
 
     Returns the `Attempt`. Its error is held constant under differentiation.
     """
@@ -78,7 +84,8 @@ def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Dec
     time_resolution = 1e-13 * (jnp.abs(t) + 1 / constant(c.p))
     next_breakpoint = scene.excitation.breakpoint(state.piece)
     # A step ends at the next breakpoint at the latest. A breakpoint just before the end of the scene is
-    # ignored, so that the end of the last step has the derivative of the scene's end.
+    # ignored, so that the end time of the last step is differentiated as the end of the scene and not as the
+    # breakpoint.
     is_last = constant(scene.end) <= constant(next_breakpoint) + SIMULTANEOUS * time_resolution
     stop = jnp.where(is_last, scene.end, next_breakpoint)
     a0 = field(t, state.x, state.v)
@@ -123,7 +130,7 @@ def _length(
     )
     split = jnp.where(state.h > 0.5 * remaining, scene.split_fraction * remaining, state.h)
     h = jnp.where(covers_remaining, remaining, split)
-    # The first step after an impact covers at most one hop, the motion up to the next impact. A short hop, in
+    # A step that starts at θ = 0 covers at most one hop, the motion up to the next impact. A short hop, in
     # which θ̈ is nearly constant, lasts 2|θ̇/θ̈|.
     theta_dot = jax.lax.stop_gradient(state.v[0])
     returns = starts_at_zero & (theta_dot * theta_ddot < 0)
@@ -146,7 +153,8 @@ def _length(
 
 
 def _to_impact(state: LoopState, theta_ddot: Value, jerk: Value, h: Value) -> Value:
-    """Return the step length, shortened to the next impact if a cubic of θ predicts an impact in the step.
+    """Return the step length, shortened to the next impact if the cubic Taylor polynomial of θ in time
+    predicts an impact in the step.
 
     Under sampled ground motions the prediction is so accurate that most trials land on the impact at once.
     """
@@ -164,7 +172,8 @@ def _to_impact(state: LoopState, theta_ddot: Value, jerk: Value, h: Value) -> Va
 def _jerk(state: LoopState, field: Acceleration, a0: Vector) -> Value:
     """Return d³θ/dt³ at the start of the step [rad/s³].
 
-    It predicts the next impact, under sampled ground motions and if an output needs every impact.
+    It predicts the next impact. It is computed only under sampled ground motions, or if an output needs every
+    impact.
     """
     rates = jnp.ones_like(state.t), state.v, a0
     _, jerks = jax.jvp(field, (state.t, state.x, state.v), rates)
@@ -223,7 +232,8 @@ def next_length(scene: Scene, state: LoopState, trial: Attempt, t: Value) -> Val
     - `state`, `trial`: the state before the accepted step, and the step
     - `t`: time at the end of the step [s]
 
-    If only an event or a breakpoint has shortened an accurate step, the proposal does not decrease.
+    If the step was shorter than `state.h` and its error is below half the tolerance, an event or a breakpoint
+    has shortened it. The proposal is then at least `state.h`, up to the largest step allowed.
     """
     proposed = trial.h * trial.growth
     shortened = (trial.h < 0.99 * state.h) & (trial.error < 0.5)
@@ -239,7 +249,7 @@ def state_past(scene: Scene, state: LoopState, trial: Attempt, after: Value) -> 
     - `after`: time past the end of the step [s]
 
     The quintic through both ends of the step gives the third to fifth derivatives. Over a very short step,
-    the third derivative is a mean value, and the fourth and fifth are set to zero.
+    the mean of the third derivative over the step is taken, and the fourth and fifth are set to zero.
     """
     h = trial.h
     z = safe_ratio(after, h, h > 0)

@@ -1,4 +1,9 @@
-"""Bounds on the remaining motion of a scene, from its energy."""
+"""Bounds on the remaining motion of a scene, from its energy.
+
+The potential well is the range of rotations from which gravity and restrainers pull the columns back. The
+uplift demand q is the left side of the uplift condition of Eq. (9): columns in full contact lift when |q|
+exceeds the threshold. Equations (C…) are in docs/equations.md, (L2) is in docs/floors.md.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +27,7 @@ T = TypeVar("T")
 
 
 def all_true(flags: Flags) -> Flag:
-    """Return whether all flags hold; the last axis is that of modes or stories."""
+    """Return whether all flags along the last axis (modes or stories) are True; a scalar stays as it is."""
     return jnp.all(flags, axis=-1) if flags.ndim else flags
 
 
@@ -38,8 +43,7 @@ class Bounds:
     - `min_impact_speed`: largest |θ̇| before an impact that leads to rest [rad/s]
     - `stays_inside`: whether the rotation stays inside the well
     - `rests`: whether the columns rest for good
-    - `demand`: bound on the uplift demand |q| of Eq. (9) in full contact [m/s²]; only if full contact is
-      integrated step by step
+    - `demand`: bound on |q| in full contact [m/s²]; only if full contact is integrated step by step
     - `velocity_amplitudes`: for each mode, bound on √(u̇_i² + ω_i²u_i²) in full contact [m/s]; None without
       modes
     """
@@ -70,9 +74,9 @@ class Bounds:
         - `follows_contact`: whether full contact is integrated step by step. Otherwise the podium is rigid
           and goes directly to its next uplift, or the scene ends
 
-        `energy_after` gives the bound on the energy. If the bound on |q| in full contact is below the uplift
-        threshold, the columns never lift again, and the modes vibrate independently. Vertical motion raises
-        the bounds on the energy, (C19), and on the demand.
+        `energy_after` gives the bound on the energy. If the columns are in full contact and the bound on |q|
+        is below the threshold, they never lift again, and the modes vibrate independently. Vertical motion
+        raises the bounds on the energy, (C19), and on |q|.
         """
         self = cls()
         self._shared_results = {}
@@ -111,7 +115,7 @@ class Bounds:
         return self
 
     def shared(self, make: Callable[[Self], T]) -> T:
-        """Return `make` of these bounds. The result is computed once, for all outputs."""
+        """Return `make(self)`. All outputs share the result, which is computed once."""
         if make not in self._shared_results:
             self._shared_results[make] = make(self)
         return self._shared_results[make]
@@ -123,8 +127,8 @@ class Bounds:
     def modal_sum(self, weights: Values, beam_weight: Value | float = 0.0) -> Value:
         """Bound Σ w_i y_i over the modes i, for any y_i with |y_i| ≤ √(u̇_i² + ω_i²d_i²), where d_i is the
         deformation. While the columns rock, the bound is √(2E(Σ w_i²/η_i + `beam_weight`)) with the bound E
-        on the energy. `beam_weight` is not zero if the sum has a further term with the velocity of the
-        beam."""
+        on the energy. `beam_weight` is positive if the sum has a further term, proportional to the velocity
+        of the beam."""
         rocking = jnp.sqrt(2 * self.energy * (summed(weights**2 / _nonzero(self.c.etas)) + beam_weight))
         return self.either(weighted(jnp.abs(weights), not_none(self.velocity_amplitudes)), rocking)
 

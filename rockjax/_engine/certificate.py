@@ -1,4 +1,5 @@
-"""The certificate: a proof, from the energy, that no requested output can change any more."""
+"""The certificate: a proof, from the energy, that no requested output can change any more, so that the scene
+may end early."""
 
 from __future__ import annotations
 
@@ -12,10 +13,10 @@ from .state import LoopState, Plan, Scene
 def certificate(scene: Scene, plan: Plan, state: LoopState, piece: Index, ground: Value | Shaking) -> Flag:
     """Return whether all requested outputs are final, whatever the rest of the excitation does.
 
-    This holds if the columns stay inside the potential well or rest for good, and every output confirms that
-    its accumulator (its value so far) can no longer change.
+    This holds if the columns stay inside the potential well (see `bounds.py`) or rest for good, and every
+    output confirms that its accumulator (its value so far) can no longer change.
 
-    - `scene`, `plan`: the prepared scene and its static choices
+    - `scene`, `plan`: the prepared scene, and its choices fixed at compilation
     - `state`: state after a step
     - `piece`: piece of the excitation after the step
     - `ground`: ground acceleration at the end of the step on that piece, ü_g, or ü_g and v̈_g [m/s²]

@@ -1,4 +1,8 @@
-"""Constants of the equations of a podium, computed once per scene."""
+"""Constants of the equations of a podium, computed once per scene.
+
+Equations without a letter are those of docs/model.md. (C10) is in docs/control.md, (F12) in docs/forces.md,
+and the other lettered ones are in docs/equations.md.
+"""
 
 from __future__ import annotations
 
@@ -31,10 +35,10 @@ class ModalConstants(NamedTuple):
 
 
 class Vibration(NamedTuple):
-    """Constants of the vibrating superstructure: scalars for one oscillator, arrays for several modes."""
+    """Constants of the vibrating superstructure: scalars for one mode, arrays for several."""
 
     coupling: Values  # 3η_i/(2R)
-    demand: Values  # 2η_i/(1+2γ), Eq. (9)
+    demand: Values  # factor of the spring forces in the uplift demand, 2η_i/(1+2γ), Eq. (9)
     omega2: Values  # ω_i² [rad²/s²]
     damping: Values  # 2ζ_iω_i [rad/s]
     uplifted_frequency: Value  # frequency after uplift, Eq. (31), or the largest of several, (C15) [rad/s]
@@ -42,7 +46,7 @@ class Vibration(NamedTuple):
 
 
 class Restraint(NamedTuple):
-    """Constants of the restrainers."""
+    """Constants of the restrainers (tendons, dampers, inerters)."""
 
     restrainers: tuple[AbstractRestrainer, ...]
     slip: Value  # |elongation rate|/(Rp) below which forces with an infinite slope are smoothed
@@ -52,7 +56,7 @@ class Restraint(NamedTuple):
 
     @property
     def steep(self) -> bool:
-        """True if a force has an infinite slope at θ̇ = 0."""
+        """True if a restrainer's force, as a function of θ̇, has an infinite slope at θ̇ = 0."""
         return any(restrainer.steep for restrainer in self.restrainers)
 
 
@@ -126,7 +130,7 @@ def not_none(value: T | None) -> T:
 
 
 def summed(values: Values) -> Value:
-    """Return the sum over the modes. The value of a single oscillator stays as it is."""
+    """Return the sum over the modes. The scalar of a single mode stays as it is."""
     return jnp.sum(values, axis=-1) if jnp.ndim(values) else values
 
 

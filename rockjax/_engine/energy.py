@@ -1,4 +1,5 @@
-"""Energies, Eqs. (16) to (19) and (C3) to (C17), and bounds on them, (C19)."""
+"""Energies, Eqs. (16) to (19) of docs/model.md and (C3) to (C17) of docs/equations.md, and bounds on them,
+(C19)."""
 
 from __future__ import annotations
 
@@ -71,7 +72,7 @@ def energy(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Value:
 
 
 def vertical_impulse_weight(c: Coefficients, max_sin_psi: Value) -> Value:
-    """Return the weight of ∫|v̈_g| dt relative to ∫|ü_g| dt in (C19), for |sin ψ| ≤ `max_sin_psi`."""
+    """Return the weight of ∫|v̈_g| dt relative to ∫|ü_g| dt in (C19), if |sin ψ| ≤ `max_sin_psi`."""
     spin, weight = c.spin / (0.5 * c.two_R) ** 2, c.gravity / c.p**2
     return weight * max_sin_psi / jnp.sqrt(2 * (spin + 4 * c.eta * max_sin_psi**2)) / c.impulse_factor
 

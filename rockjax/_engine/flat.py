@@ -1,4 +1,8 @@
-"""The flat engine: a single loop over the trial steps of a scene."""
+"""The flat engine: a single loop over the trial steps of a scene.
+
+The loop can store its accepted steps as nodes, and the decisions of its steps (their lengths and events),
+from which the scene can be repeated.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +39,7 @@ class Nodes(NamedTuple):
     sigma: Float[Array, " n"]  # contact modes
     piece: Array  # pieces of the excitation
     impact_time: Float[Array, " n"]  # time of the impact [s]; NaN unless the node is an impact
-    event_time: Float[Array, " n"]  # equal to `t`, with the derivative of the event or breakpoint there [s]
+    event_time: Float[Array, " n"]  # equal to `t`, but differentiated as the time of the event there [s]
     used: Index  # number of appended nodes; may exceed the capacity n
 
 
@@ -94,7 +98,7 @@ def with_end_code(scene: Scene, state: LoopState) -> LoopState:
 def run(scene: Scene, plan: Plan, state: LoopState, max_steps: int) -> LoopState:
     """Integrate a scene and return its final state.
 
-    - `scene`, `plan`: the prepared scene and its static choices
+    - `scene`, `plan`: the prepared scene, and its choices fixed at compilation
     - `state`: initial state
     - `max_steps`: limit of accepted and rejected steps together
     """
@@ -110,7 +114,7 @@ def run_with_history(
 ) -> tuple[LoopState, Nodes]:
     """Integrate a scene and return its final state and its accepted steps.
 
-    - `scene`, `plan`: the prepared scene and its static choices
+    - `scene`, `plan`: the prepared scene, and its choices fixed at compilation
     - `state`: initial state
     - `max_steps`: limit of accepted and rejected steps together
     - `capacity`: number of nodes that can be stored; a scene with more nodes ends with HISTORY_FULL
@@ -129,7 +133,7 @@ def record_decisions(
 ) -> tuple[LoopState, Decision, Index]:
     """Integrate a scene and return its final state, the decisions of all accepted steps, and their number.
 
-    - `scene`, `plan`: the prepared scene and its static choices
+    - `scene`, `plan`: the prepared scene, and its choices fixed at compilation
     - `state`: initial state
     - `max_steps`: limit of accepted and rejected steps together, and length of the arrays of decisions
     """
@@ -159,8 +163,8 @@ def solve_scene(
     - `reversible`: whether to integrate twice: first to record the decisions, then to replay them in a loop
       that also has derivatives in reverse mode
 
-    Returns two final states, and the nodes or None. The floats of the first state are valid, and the integers
-    and flags of the second. Both states are the same unless `reversible`.
+    Returns two final states, and the nodes or None. Use the floats of the first state, and the integers and
+    flags of the second. Both states are the same unless `reversible`.
     """
     if not reversible:
         if capacity is None:
@@ -184,8 +188,8 @@ def _run_and_store(scene: Scene, plan: Plan, state: LoopState, max_steps: int, s
     - `store`: (state, stored, info) ↦ (state, stored), called after every trial
     - `stored`: storage at the start
 
-    Returns the final state and the storage. Under `vmap` the scenes are lanes of one loop, which all lanes
-    leave together; a lane whose scene has ended stores nothing more. With this common loop condition an
+    Returns the final state and the storage. Under `vmap` each scene is a lane of one loop. All lanes leave
+    the loop together; a lane whose scene has ended stores nothing more. With this common loop condition an
     iteration writes only one row of the storage. With a condition for each lane JAX would copy all rows.
     """
 
@@ -208,14 +212,14 @@ def replay(
     """Repeat a scene from recorded decisions, in a loop that reverse mode can differentiate with bounded
     memory.
 
-    - `scene`, `plan`: the prepared scene and its static choices
+    - `scene`, `plan`: the prepared scene, and its choices fixed at compilation
     - `state`: initial state
     - `decisions`, `count`: recorded decisions, arrays of length `max_steps`, and their number
     - `capacity`: number of nodes to store; None stores none
 
-    Returns the final state, and the nodes or None. Reverse mode computes steps again from checkpoints.
-    Because the rounding of two programs differs, a step might be accepted the first time and rejected the
-    second time; states and cotangents would then belong to different times. Recorded decisions prevent this.
+    Returns the final state, and the nodes or None. Reverse mode computes steps again from checkpoints. As two
+    programs round differently, a step might otherwise be accepted the first time and rejected the second
+    time, and states and cotangents would belong to different times. Recorded decisions prevent this.
 
     Checkpoints have two levels: one before each block of about √`max_steps` steps, and one before each step
     of the block that is being computed again. A checkpoint contains only the state. More levels or more data

@@ -1,7 +1,8 @@
 """The guard of a contact mode over a step, and the time at which it breaks.
 
-A contact mode (full contact, or rocking on one side) lasts as long as its guard stays within
+A contact mode (full contact, or rocking on one side) lasts as long as a quantity, its guard, stays within
 limits. The guard breaks when it leaves these limits, which is an event: an impact, overturning or an uplift.
+A turning point is a maximum or minimum of the guard.
 """
 
 from __future__ import annotations
@@ -33,8 +34,8 @@ from .state import LoopState, Plan, Scene
 class Guard(NamedTuple):
     """The guard over a trial step.
 
-    While rocking it is σθ, which stays between 0 and the overturning angle. In full contact it is the demand
-    q, which stays within ±q_up.
+    While rocking the guard is σθ, which stays between 0 and the overturning angle. In full contact it is the
+    uplift demand q of Eq. (9), which stays within the threshold ±q_up.
 
     The fields are valid if there is at most one turning point. If there may be more, `turns_twice` is True,
     and the step is halved. All fields but `path`, `at_end` and `clearance_at_end` are held constant under
@@ -70,13 +71,13 @@ def evaluate_guard(
 ) -> Guard:
     """Return the guard over a trial step.
 
-    - `scene`, `plan`: the prepared scene and its static choices
+    - `scene`, `plan`: the prepared scene, and its choices fixed at compilation
     - `state`: state at the start of the step
     - `ground_at`: t ↦ ground acceleration on the present piece of the excitation [m/s²]
     - `h`: length of the step [s]
     - `a0`: accelerations at the start of the step
     - `end`: state and accelerations at the end of the step
-    - `starts_at_zero`: True if the step starts on θ = 0, after an impact or an uplift
+    - `starts_at_zero`: True if the step starts rocking from θ = 0, after an impact or an uplift
     """
     constant = jax.lax.stop_gradient
     rocking = state.sigma != 0
@@ -110,7 +111,7 @@ def evaluate_guard(
     clearance_at_end = _clearance(scene, rocking, at_end, end_value, ~rising_at_end)
     rounding = 8 * jnp.finfo(h.dtype).eps * jnp.where(rocking, overturn_angle, uplift)
     time_past_end, converges = _newton_root(clearance_at_end, 0.5 * h, rounding)
-    # On z ∈ [0, 1] the demand cannot exceed the sum of the absolute values of its coefficients.
+    # On z ∈ [0, 1] |q| cannot exceed the sum of the absolute values of the coefficients of q.
     may_break = rocking | (sum(jnp.abs(k) for k in fixed) > uplift)
     dips &= is_long(h, scene.max_step)
     turns_twice = turns_more_than_once(fixed, rising, rising_at_end, dips) & may_break
@@ -141,9 +142,9 @@ def _paths(
 ) -> tuple[Quintic, Quintic]:
     """Return the guard over the step as a quintic in z, and near the end of the step as a cubic in time.
 
-    While rocking the guard is σθ. In full contact it is the demand q; its derivatives in time come from
-    `demand_jet`. The cubic has the exact value, slope and curvature of the end of the step, because over a
-    very short step the slopes of the quintic are differences of nearly equal numbers.
+    In full contact the derivatives of the guard in time come from `demand_jet`. The cubic has exactly the
+    value, slope and curvature at the end of the step, whereas over a very short step the slopes of the
+    quintic are differences of nearly equal numbers.
     """
     c, sigma = scene.c, state.sigma
     angle = tuple(sigma * y for y in (state.x[0], state.v[0], a0[0], end.x[0], end.v[0], end.a[0]))
@@ -195,7 +196,7 @@ def _newton_root(clearance: Quintic, max_shift: Value, rounding: Value) -> tuple
 
     - `clearance`: polynomial in the time past the end of the step [s]
     - `max_shift`: largest distance of the root from the end of the step [s]
-    - `rounding`: clearances of this size count as zero
+    - `rounding`: clearances up to this size count as zero
 
     Returns the time of the root past the end [s], and whether Newton's method has converged to a root at
     which the clearance decreases. Both are held constant under differentiation.

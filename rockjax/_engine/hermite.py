@@ -1,8 +1,8 @@
 """The quintic Hermite polynomial of a step, on z ∈ [0, 1], with its turning points and roots.
 
 The polynomial matches value, slope and curvature at both ends of a step. Its error is O(h⁶) with a small
-constant, below the local error of a fifth-order method. This is accurate enough to locate events for methods
-of any order, because steps end on events.
+constant, below the local error of a fifth-order method. For locating events this suffices with methods of any
+order: the polynomial only proposes where a step ends, and steps end on events.
 """
 
 from __future__ import annotations

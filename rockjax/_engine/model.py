@@ -1,4 +1,4 @@
-"""The model: equations of motion, uplift demand and impact map, with the paper's equation numbers.
+"""The model: equations of motion, uplift demand and impact map, numbered as in docs/model.md.
 
 σ ∈ {−1, 0, +1} is the contact mode: 0 is full contact, ±1 rocking with the sign of θ. One vector field serves
 all contact modes: for σ = θ = θ̇ = 0 the angle ψ = σα − θ and the motion of the beam, u_b and u̇_b, are zero,
@@ -6,10 +6,14 @@ and Eq. (22) becomes Eq. (4).
 
 A state consists of positions x and velocities v. Both are tuples: (θ,) for rigid podiums, (θ, u) with an
 elastic superstructure, where u is a scalar for one vibration mode and an array (u_1, …, u_n) for several. The
-number of vibration modes is static. The equations are the same for any number; `summed` sums over the modes.
+number of vibration modes is fixed at compilation. The equations are the same for any number; `summed` sums
+over the modes.
 
-Restrainers add forces that depend on an elongation and its rate, (C1), (C8) and (C12) of docs/control.md. A
-podium without restrainers skips them.
+The columns lift when the uplift demand |q| exceeds the threshold q_up, Eq. (9).
+
+Restrainers (tendons, dampers, inerters) add forces that depend on an elongation and its rate, (C1), (C8) and
+(C12) of docs/control.md; (C10) is there, too. A podium without restrainers skips them. (L2) is in
+docs/floors.md.
 """
 
 from __future__ import annotations
@@ -26,7 +30,7 @@ from rockjax._types import Value, Values, Vector
 
 from .coefficients import Coefficients, ModalConstants, Restraint, not_none, summed, weighted
 
-# Longest step divided by |θ̇/θ̈|, while the columns slow down and while they speed up.
+# Limits of the step of `steady_step` divided by |θ̇/θ̈|, while the columns slow down and while they speed up.
 MAX_SLOWING_STEP, MAX_SPEEDING_STEP = 0.75, 3.0
 
 
@@ -36,10 +40,11 @@ def steady_step(c: Coefficients, restraint: Restraint, theta_dot: Value, theta_d
     - `c`, `restraint`: constants of the podium and of its restrainers
     - `theta_dot`, `theta_ddot`: θ̇ [rad/s] and θ̈ [rad/s²] at the start of the step
 
-    Forces with an infinite slope at θ̇ = 0 need such steps. The step is proportional to |θ̇/θ̈|, which is about
-    the time until the columns stop, or since they were at rest. Steps thus become geometrically shorter
-    towards an instant with θ̇ = 0, and the method keeps its order there. Derivatives stay accurate too,
-    although the step-size control does not estimate their error.
+    Forces whose slope is infinite at θ̇ = 0 need such steps. The step is proportional to |θ̇/θ̈|, which is
+    about the time until the columns stop, or the time since they were at rest. Steps thus become
+    geometrically shorter towards an instant with θ̇ = 0, and the method keeps its order there. Derivatives
+    with respect to parameters stay accurate, too, although the step-size control does not estimate their
+    error.
     """
     speed, speed_rate = jnp.abs(theta_dot), jnp.abs(theta_ddot)
     slip_speed = restraint.slip / (2 * c.sin_alpha)  # |θ̇|/p below which the force is smoothed
@@ -51,7 +56,7 @@ def steady_step(c: Coefficients, restraint: Restraint, theta_dot: Value, theta_d
 
 
 class Elongation(NamedTuple):
-    """Elongation of a restrainer, and its derivative with respect to θ; both are zero in full contact."""
+    """Elongation ℓ of a restrainer, and its derivative with respect to θ; both are zero in full contact."""
 
     stretch: Value  # ℓ/R, (C1)
     lever: Value  # dℓ/dθ divided by R
@@ -96,7 +101,8 @@ def restraint_bound(c: Coefficients, restraint: Restraint, theta: Value, theta_d
     """Bound the moment of the restrainers in Eq. (24), with the forces at the largest elongation and rate.
 
     - `c`, `restraint`: constants of the podium and of its restrainers
-    - `theta`, `theta_dot`: largest |θ| [rad], at most `restraint.well`, and largest |θ̇| [rad/s]
+    - `theta`: largest |θ|, at most `restraint.well` [rad]
+    - `theta_dot`: largest |θ̇| [rad/s]
     """
     s, _ = sincos(0.5 * theta)
     lever = 2 * c.sin_alpha
@@ -120,8 +126,8 @@ def _weight(c: Coefficients, ground: Value | Shaking) -> Value:
 
 
 def _threshold_ratio(c: Coefficients, ground: Shaking) -> Value:
-    """Return q_up(t) divided by its static value, (C10). The ratio is positive as long as
-    g + v̈_g is positive."""
+    """Return the uplift threshold q_up(t) under vertical motion divided by its static value, (C10). The ratio
+    is positive as long as g + v̈_g is positive."""
     return 1 + not_none(c.uplift_slope) * ground.vertical / c.uplift
 
 
@@ -222,7 +228,7 @@ def plus(value: Any, addend: Value | float) -> Any:
 
 
 def uplift_demand(c: Coefficients, ground: Value | Shaking, x: Vector, v: Vector) -> Value:
-    """Return the demand q of Eq. (9) in full contact [m/s²].
+    """Return the uplift demand q of Eq. (9) in full contact [m/s²].
 
     - `c`: constants of the podium
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
@@ -249,7 +255,7 @@ def horizontal_demand(c: Coefficients, ground: Value | Shaking, x: Vector, v: Ve
 
 
 def demand_jet(c: Coefficients, grounds, states) -> tuple[Value, Value, Value]:
-    """Return the demand q in full contact and its first two derivatives in time.
+    """Return the uplift demand q in full contact and its first two derivatives in time.
 
     - `c`: constants of the podium
     - `grounds`: ground acceleration and its first two derivatives in time
@@ -270,8 +276,8 @@ def demand_jet(c: Coefficients, grounds, states) -> tuple[Value, Value, Value]:
 def impact(c: Coefficients, theta_dot: Value) -> Value:
     """Return θ̇ after an impact [rad/s], Eq. (27).
 
-    The sense of rotation stays, and u_t and u̇_t are continuous, Eq. (26). If e ≤ 0 the result is 0, and
-    rocking ends.
+    The sense of rotation stays, and the displacement u_t and velocity u̇_t of the superstructure are
+    continuous, Eq. (26). If e ≤ 0 the result is 0, and rocking ends.
     """
     return jnp.maximum(c.restitution, 0.0) * theta_dot
 

@@ -5,9 +5,10 @@ For x' = v, v' = a(t, x, v), stages need only their accelerations k_j:
     x_i = x + c_i h v + h² Σ_j (AA)_ij k_j
     v_i = v + h Σ_j A_ij k_j
 
-A contains the weights of the method, and AA is the matrix product A·A. This is algebraically the same as the
-method for first-order systems. In a Nyström method A is zero, and AA contains independent weights. If the
-acceleration does not depend on the velocity, the compiler removes the velocities of the stages.
+Here h is the length of the step, c_i are the times of the stages as fractions of h, A contains the weights of
+the method, and AA is the matrix product A·A. This is algebraically the same as the method for first-order
+systems. A Nyström method has independent weights in AA; A is stored as zero. If the acceleration does not
+depend on the velocity, the compiler removes the velocities of the stages.
 """
 
 from __future__ import annotations

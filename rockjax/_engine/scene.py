@@ -1,6 +1,7 @@
 """Preparation of a scene for the loop: the plan, the constants and the initial state.
 
-If errors are estimated, every scene is solved twice. The second solution has other settings, and
+The plan holds the choices that are fixed at compilation. If errors are estimated, every scene is solved
+twice. The second solution has other settings (a smaller rest velocity, other step lengths), and
 `Options._stride` is below 1.
 """
 
@@ -43,7 +44,7 @@ def plan_for(
     extra_outputs: tuple[AbstractOutput, ...] = (),
     vertical: bool = False,
 ) -> Plan:
-    """Return the plan: the choices that are made before tracing.
+    """Return the plan: the choices that are fixed at compilation.
 
     - `podium`, `options`: structure and solver options of the scenes
     - `history`: True if the accepted steps are stored
@@ -57,8 +58,8 @@ def plan_for(
     rotation = PeakRotation(requested="peak_rotation" in requested)
     others = [output for name, output in requested.items() if name != "peak_rotation"]
     outputs = (rotation, *others, *extra_outputs)
-    # A history stores every step, so neither bounces nor samples are skipped. Samples are skipped with a
-    # method of order 8, and therefore only if the method of the options has order 7 or more.
+    # A history stores every step, so neither bounces nor samples are skipped. Samples are skipped by steps of
+    # a method of order 8, and therefore only if the method of the options has order 7 or more.
     eligible = [] if elastic else ["rest"] if history else ["rest", "bounces", *["samples"] * (tab.order > 6)]
     if (vertical or podium.restrainers) and any(output.needs_simple_contact for output in outputs):
         eligible = []
@@ -74,15 +75,18 @@ def plan_for(
 
 
 # In the second solution rocking stops about IMPACTS_LATER impacts later. For this the rest velocity is
-# multiplied by e^IMPACTS_LATER, limited to [MIN_REST_FACTOR, MAX_REST_FACTOR]. The factor is MIN_REST_FACTOR
-# if nothing vibrates and an impact takes little speed, 1 − e < LITTLE_LOSS · rtol.
+# multiplied by e^IMPACTS_LATER, limited to [MIN_REST_FACTOR, MAX_REST_FACTOR], with the restitution factor e.
+# The factor is MIN_REST_FACTOR if nothing vibrates and an impact takes little speed, 1 − e < LITTLE_LOSS ·
+# rtol.
 IMPACTS_LATER, MAX_REST_FACTOR, MIN_REST_FACTOR, LITTLE_LOSS = 3, 0.5, 1e-4, 100.0
-# A step ends on an event if their distance, divided by the length of the step, is at most LANDING · √rtol and
-# at most MAX_LANDING. A Taylor expansion at the end of the step then carries the state to the event.
+# A step counts as ending on an event if the time between them, divided by the length of the step, is at most
+# LANDING · √rtol and at most MAX_LANDING. A Taylor expansion at the end of the step then carries the state to
+# the event.
 LANDING, MAX_LANDING = 10.0, 0.02
-# If a breakpoint is less than two steps away, the first solution takes one step or two equal steps to it. The
-# second solution divides the distance unequally, after a third, so that its errors differ. It takes two steps
-# even if one step would suffice, unless the proposed step is longer than UNSPLIT_SECOND times the distance.
+# If a breakpoint of the ground motion (a jump or kink) is less than two steps away, the first solution takes
+# one step or two equal steps to it. The second solution divides the distance unequally, after a third, so
+# that its errors differ. It takes two steps even if one would suffice, unless the proposed step is longer
+# than UNSPLIT_SECOND times the distance.
 SPLIT, SPLIT_SECOND, UNSPLIT_SECOND = 0.5, 1 / 3, 2.0
 LANDING_SECOND = 0.1  # factor on the landing fraction in the second solution, so that landing errors differ
 
@@ -106,9 +110,10 @@ def _by_solution(options: Options, second: Value | float, first: Value | float) 
 def _estimate_factor(plan: Plan, options: Options) -> Value | None:
     """Return the factor on error estimates of unusually low order.
 
-    The order of an error estimate is usually the order of the method minus one. The result is then None. If
-    the order of the estimate is lower by another n, the estimate is too large by the factor rtol^(−n/order)
-    at the longest steps that the tolerance allows, and the result is the reciprocal of this factor.
+    The order of an error estimate is usually the order of the method minus one; the result is then None. If
+    the order of the estimate is lower by a further n, the estimate is too large by the factor
+    rtol^(−n/order), with the order of the method, at the longest steps that the tolerance allows. The result
+    is the reciprocal of this factor.
     """
     missing_order = plan.tableau.order - 1 - plan.tableau.estimate
     return jnp.asarray(options.rtol) ** (missing_order / plan.tableau.order) if missing_order else None
@@ -133,7 +138,7 @@ def _max_excited_step(excitation: AbstractExcitation, max_step: Value, options: 
     is_pair = isinstance(excitation, GroundMotion)
     components = (excitation.horizontal, excitation.vertical) if is_pair else (excitation,)
     intervals = [component.sampling.dt for component in components if isinstance(component, AbstractSampled)]
-    if len(intervals) == len(components):  # steps end on every sample, so they are at most one interval long
+    if len(intervals) == len(components):  # steps end on every sample, so they last at most one interval
         shortest = functools.reduce(jnp.minimum, intervals)
         max_excited_step = _by_solution(
             options, jnp.minimum(max_excited_step, (1 - SPLIT_SECOND) * shortest), max_excited_step
@@ -164,7 +169,7 @@ def _rest_speed(c: Coefficients, options: Options) -> Value:
     relative = options.rtol if options.rest_velocity is None else options.rest_velocity
     e = jnp.clip(c.restitution, 0.0, 1.0)
     factor = jnp.clip(e**IMPACTS_LATER, MIN_REST_FACTOR, MAX_REST_FACTOR)
-    if c.vibration is None:  # otherwise the superstructure also damps the hops
+    if c.vibration is None:  # otherwise the superstructure also takes energy from the rocking columns
         factor = jnp.where(1 - e < LITTLE_LOSS * options.rtol, MIN_REST_FACTOR, factor)
     return relative * c.p * c.alpha * _by_solution(options, factor, 1.0)
 
@@ -183,8 +188,7 @@ def _start(modes: Vibration | None, initial: State) -> tuple[Vector, Vector]:
 
 
 def _total(values: Values) -> Value:
-    """Return the sum of an array, to test at once whether all elements are finite; a scalar stays as it
-    is."""
+    """Return the sum of an array, which is finite only if all elements are; a scalar stays as it is."""
     return jnp.sum(values) if values.ndim else values
 
 
@@ -201,7 +205,7 @@ def prepare(
     - `podium`, `excitation`: structure and ground motion, with scalar parameters
     - `initial`: initial state
     - `t_end`: end of the scene [s]; None for the default
-    - `options`, `plan`: options of the solver, and the static choices made from them
+    - `options`, `plan`: options of the solver, and the choices fixed at compilation that follow from them
     """
     scene = _scene(podium, excitation, t_end, options, plan)
     return scene, _first_state(scene, initial, plan)

@@ -1,17 +1,19 @@
 """The segments engine: one `diffrax.diffeqsolve` per segment, ended by a `diffrax.Event`.
 
-A segment is the motion between two events or breakpoints; the impact map and the other transitions apply
-between segments. This engine accepts any Diffrax solver and serves as a check of the flat engine. Both
-engines share the equations, the transitions, the certificate and the search for the next uplift of a rigid
-podium. Diffrax's events alone are not accurate enough, so four corrections are made:
+A segment is the motion from one event or breakpoint to the next; the impact map and the other transitions
+apply between segments. This engine accepts any Diffrax solver and serves as a check of the flat engine. Both
+engines share the equations, the transitions, the certificate (the proof that a scene may end) and the search
+for the next uplift of a rigid podium. Diffrax's events alone are not accurate enough, so four corrections are
+made:
 
 - The time of the event according to the interpolant is a first guess. The segment is solved again up to this
   time, and Newton's method finds the event from there.
-- The interpolant is sampled densely. If the guard (see `guard.py`) leaves its limits and returns inside a
+- The interpolant is sampled densely. If the guard (see `guard.py`) leaves its limits and returns within a
   step, the segment is solved again up to the first sample outside the limits.
 - After an impact or an uplift the guard is exactly zero. The first step is then shorter than the hop (the
   motion up to the next impact), so that it cannot miss this impact.
-- The interpolant only locates peaks. To compute a peak, the segment is solved again up to its time.
+- The interpolant is used to locate peaks, not to compute them: the segment is solved again up to the time of
+  the peak.
 """
 
 from __future__ import annotations
@@ -40,7 +42,7 @@ from .state import LoopState, Plan, Scene
 from .transitions import transition
 
 STEPS = 4096  # limit of steps of one solve; a segment with more steps is continued by another solve
-SAMPLES = 513  # number of samples of the interpolant, among which peaks and missed events are found
+SAMPLES = 513  # number of samples of the interpolant, in which peaks and missed events are searched
 Motion = tuple[Vector, Vector]  # positions and velocities
 Rows = tuple[Float[Array, " n ..."], ...]  # for each degree of freedom, values at n nodes
 
@@ -50,7 +52,7 @@ def run_segments(
 ) -> tuple[LoopState, Nodes | None]:
     """Integrate a scene segment by segment.
 
-    - `scene`, `plan`: the prepared scene and its static choices
+    - `scene`, `plan`: the prepared scene, and its choices fixed at compilation
     - `state`: initial state
     - `options`: options, which hold the Diffrax solver
     - `capacity`: number of nodes to store; None stores none

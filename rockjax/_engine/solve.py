@@ -1,4 +1,5 @@
-"""Solution of one scene from a structure and an excitation, with derivatives.
+"""Solution of one scene from a structure and an excitation, with derivatives with respect to their
+parameters.
 
 The Jacobian with respect to scalar parameters is computed together with the value, in forward mode. Forward
 and reverse mode both use this Jacobian, so `jax.grad` costs as much as `jax.jacfwd`. For arrays (the samples
@@ -50,8 +51,9 @@ def solve(
     - `options`: options of the solver
     - `capacity`: number of steps to store; None stores no steps
 
-    Returns ((floats, float fields of the nodes), (integers and flags, integer fields of the nodes)). Stored
-    programs are used if all values are concrete, also those at which `jax.grad` or `jax.jvp` differentiates.
+    Returns ((floats, float fields of the nodes), (integers and flags, integer fields of the nodes)); the
+    nodes are the stored steps. Stored programs are used if all values are concrete (numbers, not JAX
+    tracers), including those at which `jax.grad` or `jax.jvp` differentiates.
     """
     podium = podium.split_rows().without_idle_restrainers()
     podium = podium if options.of_joints else podium.without_elevation()
@@ -69,12 +71,12 @@ def solve(
 def solve_with_slopes(
     podium: Podium, excitation: AbstractExcitation, initial: State, t_end: Array | None, options: Options
 ) -> tuple[dict[str, Array], dict[str, Array], tuple[int, ...]]:
-    """Solve one scene of concrete values, with derivatives of its outputs.
+    """Solve one scene of concrete values (numbers, not JAX tracers), with derivatives of its outputs.
 
     - arguments: as for `solve`
 
-    Returns the floats, their derivatives with respect to scalar leaves of (podium.split_rows(), excitation)
-    along a first axis, and the indices of these leaves.
+    Returns the floats; their derivatives with respect to the scalar leaves of (podium.split_rows(),
+    excitation), with these leaves along the first axis; and the indices of the leaves.
     """
     podium = podium.split_rows()
     podium = podium if options.of_joints else podium.without_elevation()
@@ -117,7 +119,7 @@ def answers(
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """Return the outputs of a finished scene by name, in two dicts: floats, and integers and flags.
 
-    - `scene`, `plan`, `state`: the prepared scene, its static choices, and its final state
+    - `scene`, `plan`, `state`: the prepared scene, its choices fixed at compilation, and its final state
     - `final`: state from which integers and flags are read; None for `state`
     """
     floats = {

@@ -1,7 +1,11 @@
 """Data types of the integration loop: the plan, the scene, the loop state, and the result of a trial.
 
-The time of an event or breakpoint depends on the parameters. The loop works with the value of this time,
-held constant under differentiation and called the stamp, and carries the derivative separately.
+A breakpoint is a time at which the ground motion has a jump or a kink, and a piece is the ground motion
+between two breakpoints. An accumulator is the value of an output so far.
+
+The time of an event or breakpoint depends on the parameters. The loop works with the value of this time, held
+constant under differentiation and called the stamp. The derivatives of the time with respect to the
+parameters are carried by a separate variable.
 """
 
 from __future__ import annotations
@@ -19,7 +23,7 @@ from .tableaus import Tableau
 
 @dataclasses.dataclass(frozen=True)
 class Plan:
-    """Choices that are made before tracing; static under `jax.jit`.
+    """Choices that are fixed at compilation (static under `jax.jit`).
 
     - `elastic`: True if the superstructure vibrates
     - `outputs`: the outputs that are computed, the rotation first; each is an `AbstractOutput` of
@@ -89,7 +93,7 @@ class LoopState(NamedTuple):
     positions, velocities and accumulators carry tangents."""
 
     t: Value  # time stamp [s]
-    event_time: Value  # equal to t, with the derivative of the event's or breakpoint's time [s]
+    event_time: Value  # equal to t, but differentiated as the time of an event or breakpoint [s]
     x: Vector  # positions
     v: Vector  # velocities
     sigma: Value  # contact mode: 0 full contact, ±1 rocking

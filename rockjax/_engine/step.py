@@ -1,15 +1,16 @@
 """One trial step of one scene. An accepted trial advances the scene; a rejected trial shortens the next.
 
-A trial takes a Runge–Kutta step. The guard is σθ while rocking, and the uplift demand q in full contact; a
-quintic polynomial interpolates it between both ends of the step. An event occurs where the guard leaves its
-limits. If this happens inside the step, the trial is rejected, and the next trial is shortened to end there.
-The event is applied once a trial ends on it, or so close to it that a Taylor expansion covers the remaining
-time. Events are therefore as accurate as the solver.
+A trial takes a Runge–Kutta step. The guard is the quantity whose limits end the contact mode: σθ while
+rocking, and the uplift demand q of Eq. (9) in full contact. A quintic polynomial interpolates the guard
+between both ends of the step. An event occurs where the guard leaves its limits. If this happens inside the
+step, the trial is rejected, and the next trial is shortened to end there. The event is applied once a trial
+ends on it, or so close to it that a Taylor expansion covers the remaining time. Events are therefore as
+accurate as the solver.
 
 Times, step lengths and roots are held constant under differentiation (`stop_gradient`). The constant value of
-a time is called its stamp; the derivative of an event's time is carried separately. To differentiate an
-event, the state is moved from the stamp to the event (`state_past`), changed by the event, and moved back to
-the stamp (`restart`). This is exact in forward and reverse mode.
+a time is called its stamp; the derivatives of an event's time with respect to the parameters are carried
+separately. To differentiate an event, the state is moved from the stamp to the event (`state_past`), changed
+by the event, and moved back to the stamp (`restart`). This is exact in forward and reverse mode.
 """
 
 from __future__ import annotations
@@ -52,9 +53,9 @@ def step(
 ) -> tuple[LoopState, StepInfo]:
     """Advance one scene by one trial step.
 
-    - `scene`, `plan`: the prepared scene and its static choices
+    - `scene`, `plan`: the prepared scene, and its choices fixed at compilation
     - `state`: state at the start of the step
-    - `replayed`: recorded decision of an accepted step, which is repeated; None for a free choice
+    - `replayed`: recorded decision of an accepted step to repeat; None if the step is decided here
 
     A rigid podium in full contact goes directly to its next uplift. Samples of the ground motion that need
     no trial are skipped before the trial (`skip_samples`), unless decisions are replayed.
@@ -123,7 +124,7 @@ def _classify(
         & is_before_stop
     )
     # Events at the end of the scene or just before it are ignored, except overturning, so that the outputs at
-    # the end have the derivative of the scene's end, not of the event.
+    # the end are differentiated at the scene's end, not at the event.
     is_ignored = (
         trial.ends_scene
         & guard.converges
@@ -136,7 +137,7 @@ def _classify(
         lands = replayed.lands
     # Times of events and breakpoints depend on the parameters. `before` is the time from the start of the
     # step to the event or breakpoint there, zero in value. `after` is the time from the end of the step to
-    # the event or breakpoint there. Both have derivatives.
+    # the event or breakpoint there. Neither is held constant under differentiation.
     newton_correction = safe_ratio(clearance, slope, lands)
     before = state.event_time - constant(state.event_time)
     after = jnp.where(
@@ -265,8 +266,8 @@ def _advance(
 def _times(
     scene: Scene, state: LoopState, trial: Attempt, outcome: StepOutcome
 ) -> tuple[Index, Value, Value, Value]:
-    """Return the piece after the step, the stamp of the step's end, the same time with its derivative, and
-    the difference of the two times, which is zero in value."""
+    """Return the piece after the step, the stamp of the step's end, the same time not held constant under
+    differentiation, and the difference of the two times, which is zero in value."""
     constant, t, h, lands = jax.lax.stop_gradient, state.t, trial.h, outcome.lands
     now = jnp.where(lands, t + h + outcome.after, jnp.where(trial.reaches_stop, trial.stop, t + h))
     stamp = jnp.where(lands, jnp.minimum(constant(now), constant(trial.stop)), constant(now))

@@ -1,7 +1,7 @@
-"""Butcher tableaus of explicit Runge–Kutta methods.
+"""Butcher tableaus (coefficients) of explicit Runge–Kutta methods.
 
 The tableaus of the named methods are stored in `tableaus.json`, because importing Diffrax is slow. They
-are copies of Diffrax's tableaus, as a test verifies; `write` renews them. The tableau of another explicit
+are copies of Diffrax's tableaus, as a test verifies; `write` renews them. The tableau of any other explicit
 Diffrax solver is taken from the solver itself.
 """
 

@@ -1,7 +1,8 @@
 """Changes of contact mode and state at events, and the effect of event times on derivatives.
 
 The time of an event or breakpoint depends on the parameters. The value of this time, held constant under
-differentiation, is called the stamp.
+differentiation, is called the stamp. The demand q is the left side of the uplift condition, Eq. (9).
+Equations (L…) are in docs/floors.md.
 """
 
 from __future__ import annotations
@@ -83,8 +84,8 @@ def after_impact(
     - `q`: demand in full contact after the impact [m/s²]
     - `to_rest`: True if the columns come to rest at any speed
 
-    The columns rock on to the other side unless |θ̇⁺| is at most the rest velocity, or `to_rest` is True. Then
-    full contact follows, or a new uplift if |q| exceeds the threshold.
+    The columns rock on to the other side unless |θ̇⁺| is at most the rest velocity, or `to_rest` is True.
+    Then full contact follows, or a new uplift if |q| exceeds the threshold.
     """
     theta_dot_after = impact(scene.c, theta_dot)
     rocks_on = (jnp.abs(theta_dot_after) > scene.rest_speed) & ~jnp.asarray(to_rest)
@@ -137,12 +138,14 @@ def past_breakpoint(
 
     - `scene`: the prepared scene
     - `stamp`: fixed time stamp of the breakpoint [s]
-    - `delta`: time of the breakpoint minus its stamp, zero in value, with derivatives [s]
+    - `delta`: time of the breakpoint minus its stamp, zero in value, but not constant under differentiation
+      [s]
     - `x`, `v`, `sigma`: positions, velocities and contact mode
     - `pieces`: pieces before and after the breakpoint
 
-    Breakpoints of the horizontal and of the vertical motion may coincide although their times have different
-    derivatives. The derivative of the state then also contains the motion between the two breakpoints.
+    A breakpoint of the horizontal and one of the vertical motion may coincide although the derivatives of
+    their times with respect to the parameters differ. The derivative of the state then also contains the
+    motion between the two breakpoints.
     """
     before, after = pieces
     if isinstance(scene.excitation, GroundMotion):
@@ -161,14 +164,14 @@ def restart(
 
     - `scene`: the prepared scene
     - `t`: fixed time stamp [s]
-    - `delta`: time of the event minus the stamp, zero in value, with derivatives [s]
+    - `delta`: time of the event minus the stamp, zero in value, but not constant under differentiation [s]
     - `x`, `v`, `sigma`: positions, velocities and contact mode after the event
     - `piece`: piece of the excitation after the event
 
     The time of the event depends on the parameters; the stamp does not. The state is moved from the stamp to
     the event with the equation of motion before the event, changed by the transition, and moved back with the
-    equation of motion after the event. The derivative of this sequence is the saltation matrix. This function
-    is the move back: it changes derivatives, but not values.
+    equation of motion after the event. The derivative of the final state of this sequence with respect to the
+    first is the saltation matrix. This function is the move back: it changes derivatives, but not values.
     """
     del scene, t, delta, sigma, piece
     return x, v

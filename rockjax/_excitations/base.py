@@ -1,10 +1,10 @@
-"""Excitations: callables t ↦ ü_g with support and breakpoints.
+"""Excitations: callables t ↦ ü_g with support (start and end) and breakpoints.
 
-Breakpoints are the times at which ü_g or one of its derivatives jumps. They divide an excitation into
-smooth pieces. The engine never steps across a breakpoint and evaluates the smooth formula `piece(i)` of
-piece i, so that jumps and kinks cost no accuracy. `lookahead(threshold)` answers questions about the
-remaining motion: when |ü_g| next exceeds the threshold, and how large |ü_g| and its integral can still
-become.
+Breakpoints are the times at which ü_g or one of its derivatives with respect to t jumps. They divide an
+excitation into smooth pieces. The engine never steps across a breakpoint and evaluates the smooth formula
+`piece(i)` of piece i, so that jumps and kinks cost no accuracy. `lookahead(threshold)` answers questions
+about the remaining motion: when |ü_g| next exceeds the threshold, and how large |ü_g| and its integral over
+time can still become.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ class AbstractExcitation(Module):
 
     @property
     def most_pieces(self) -> int:
-        """Static upper bound of the number of pieces."""
+        """Upper bound of the number of pieces, known at compilation."""
         return self.breakpoints.shape[-1] + 1
 
     def common_form(self) -> AbstractExcitation:
@@ -212,7 +212,7 @@ class AbstractExcitation(Module):
 
 
 class _RestLookahead(AbstractLookahead):
-    """Lookahead of a motion that is zero at all times."""
+    """Lookahead of a motion that is always zero."""
 
     def next_exceedance(self, t: Value, piece: Index) -> Value:
         return jnp.full_like(t, jnp.inf)

@@ -2,8 +2,8 @@
 
 A piece of the pair combines piece i of the horizontal with piece j of the vertical component. Its index is
 i·n + j, where n is the number of vertical pieces. Where breakpoints of both components coincide, i and j
-advance together. The columns lift when one of the combined signals ±ü_g − K v̈_g, with the factor K of (C10),
-exceeds a threshold; lookaheads find these crossings.
+advance together. The columns lift when one of the combined signals ±ü_g − K v̈_g exceeds a threshold, with
+the factor K of (C10) in docs/control.md. Lookaheads (see `base.py`) find these crossings.
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ class GroundMotion(AbstractExcitation):
     end of the later one. A call returns the horizontal acceleration.
 
     g + v̈_g must be positive at all times, because otherwise joints could open vertically, which the model
-    excludes. If it is not, a single scene with concrete values raises `ValueError`, and other scenes end with
-    the result `weightless`. Raises `ValueError` for components that are not motions.
+    excludes. If it is not, a single scene whose values are not traced raises `ValueError`, and other scenes
+    end with the result `weightless`. Raises `ValueError` for components that are not motions.
     """
 
     horizontal: AbstractExcitation = eqx.field(converter=_component("horizontal"))
@@ -181,9 +181,9 @@ class GroundMotion(AbstractExcitation):
         """Return the difference of two coincident breakpoints, and the index of the piece between them.
 
         The difference, horizontal minus vertical breakpoint at the end of piece `index` [s], is zero. Its
-        derivative is not zero if the two breakpoints depend differently on the parameters. The piece between
-        them combines the next horizontal piece with the present vertical piece. If the breakpoints do not
-        coincide, the difference is the constant zero.
+        derivatives with respect to the parameters are not zero if the two breakpoints depend differently on
+        them. The piece between the breakpoints combines the next horizontal piece with the present vertical
+        piece. If the breakpoints do not coincide, the difference is the constant zero.
         """
         i, j = self.parts(index)
         end_i, end_j = self._ends(index)
@@ -198,7 +198,7 @@ class GroundMotion(AbstractExcitation):
 
     @staticmethod
     def in_proportion(pulse: Callable[[Any, Any], AbstractExcitation], ratio: float) -> Proportional:
-        """Return the function (a_p, T_p) ↦ motion with v̈_g = `ratio` · ü_g, for spectra.
+        """Return a function (a_p, T_p) ↦ motion with v̈_g = `ratio` · ü_g, for spectra.
 
         - `pulse`: the function (a_p, T_p) ↦ component, such as a class of pulses
         - `ratio`: finite number [–]

@@ -1,4 +1,5 @@
-"""Motions that are polynomials between breakpoints and whose velocity jumps there, such as floor motions."""
+"""Motions with a polynomial acceleration between breakpoints, at which the velocity jumps, such as floor
+motions."""
 
 from __future__ import annotations
 
@@ -15,7 +16,9 @@ from rockjax._types import Index, Number, Value
 
 from .base import AbstractExcitation, AbstractLookahead
 
-DEGREE = 7  # degree of the polynomials; within a solver step, their error is below the error of the solver
+# Degree of the polynomials. The breakpoints of a floor motion are the ends of the solver steps of the podium.
+# Over one such step, the error of a polynomial of this degree is below the error of the solver.
+DEGREE = 7
 # Chebyshev nodes z ∈ [−1, 1], including both ends, and the matrix that maps values at the nodes to
 # coefficients of powers of z.
 NODES = -np.cos(np.pi * np.arange(DEGREE + 1) / DEGREE)
@@ -24,11 +27,12 @@ POINTS_PER_PIECE = 33  # number of points per piece in the search for the minimu
 
 
 class PiecewiseMotion(AbstractExcitation):
-    """A motion that is a polynomial between breakpoints and zero outside; its velocity jumps at breakpoints.
+    """A motion whose acceleration is a polynomial between neighbouring breakpoints, and zero before the first
+    and after the last finite one. Its velocity jumps at breakpoints.
 
     - `times`: breakpoints, ascending; the last ones may be inf [s]
-    - `coefficients`: coefficients of the motion from each breakpoint to the next, in powers of z ∈ [−1, 1]
-      over that interval [m/s²]
+    - `coefficients`: coefficients of the acceleration from each breakpoint to the next, in powers of
+      z ∈ [−1, 1] over that interval [m/s²]; the last row is not used
     - `jumps`: jump of the velocity at each breakpoint [m/s]
     """
 
@@ -38,8 +42,12 @@ class PiecewiseMotion(AbstractExcitation):
 
     @classmethod
     def through(cls, times: Array, values: Array, jumps: Array) -> Self:
-        """Return the motion from its values at the `NODES` of each interval, shape (n, DEGREE + 1), and the
-        other fields."""
+        """Return the motion with these breakpoints and jumps, and with these values at the `NODES` of each
+        interval.
+
+        - `times`, `jumps`: fields of the motion, shape (n,)
+        - `values`: accelerations [m/s²], shape (n, DEGREE + 1); the last row is not used
+        """
         return cls(times, values @ jnp.asarray(FROM_VALUES.T, values.dtype), jumps)
 
     @property
@@ -87,7 +95,8 @@ class PiecewiseMotion(AbstractExcitation):
 
 
 class NoLookahead(AbstractLookahead):
-    """Lookahead with infinite bounds, so that no scene ends early."""
+    """Lookahead of a motion whose later peak and impulse are not bounded (both bounds are inf), so that no
+    scene ends before its end time."""
 
     def next_exceedance(self, t: Value, piece: Index) -> Value:
         raise NotImplementedError("a motion without a lookahead has no search for exceedances")

@@ -1,4 +1,4 @@
-"""Analytical pulses a_p·s(t/T_p) with a fixed shape s."""
+"""Analytical pulses a_p·s(t/T_p) with a fixed shape s. Knots are the ends of its monotone intervals."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ from .base import AbstractExcitation, AbstractLookahead, size_on
 from .names import PULSE_CLASSES
 
 MAX_AMPLITUDE = 20 * STANDARD_GRAVITY  # larger amplitudes suggest gal read as m/s²
-# Maximum of |z (z²−3)| e^(−z²/2), at z = √(3−√6). This divisor gives the antisymmetric Ricker pulse
-# max|ü_g| = |a_p|, Eq. (32).
+# Maximum of |z (z²−3)| e^(−z²/2), at z = √(3−√6). With this divisor the antisymmetric Ricker pulse,
+# Eq. (32)₂, has max|ü_g| = |a_p|.
 BETA = math.sqrt(6 * (3 - math.sqrt(6))) * math.exp(-(3 - math.sqrt(6)) / 2)
 
 
@@ -39,13 +39,15 @@ def _root(f: Callable[[Array], Array], lo: Array, hi: Array) -> Array:
     """Return the root of an increasing function f in [lo, hi], rounded to the side with f > 0, or hi if there
     is no root.
 
-    Bisections and Newton steps come first. Many final bisections are needed only if f is flat at its root.
+    A fixed number of bisections and Newton steps narrows the interval. Bisections then continue until no
+    number lies between its ends; many are needed only if f is flat at its root.
     """
     is_positive = lambda z: f(z) > 0
     lo = jnp.where((f(lo) <= 0) & is_positive(hi), lo, hi)
     hi, lo = bisect(is_positive, hi, lo, _HALVINGS, jnp)
     hi, lo, z, slope = newton(f, hi, lo, _NEWTON_STEPS)
-    # Rounding of z, and of f (of order 1) divided by its slope.
+    # Error of z, with a margin of 4: its own rounding, and the rounding of f (whose values are of order 1)
+    # divided by the slope of f.
     inverse_slope = 1 / jnp.where(slope == 0, jnp.inf, slope)
     rounding = 4 * jnp.finfo(z.dtype).eps * (jnp.abs(z) + jnp.abs(inverse_slope))
     for trial in (z - rounding, z + rounding):
@@ -61,12 +63,14 @@ def _root(f: Callable[[Array], Array], lo: Array, hi: Array) -> Array:
 
 
 class _PulseLookahead(AbstractLookahead):
-    """Lookahead of a pulse, from the crossings of the threshold on its monotone intervals.
+    """Lookahead of a pulse: after a time t, the next exceedance of a threshold, the remaining impulse and the
+    remaining peak. Exceedances follow from the crossings of the threshold on the intervals where the pulse is
+    monotone.
 
     - `a_p`, `T_p`: amplitude [m/s²] and period [s]
-    - `lead`, `trail`: ends of the exceedances in each interval [T_p]; None if there is no threshold. In the
-      interval from knot b_k to knot b_{k+1}, |ü_g| exceeds the threshold in [b_k, lead_k) and in
-      (trail_k, b_{k+1})
+    - `lead`, `trail`: end of the exceedance at the start of each interval, and start of the exceedance at its
+      end; None if there is no threshold. From knot b_k to knot b_{k+1}, |ü_g| exceeds the threshold in
+      [b_k, lead_k) and in (trail_k, b_{k+1}). All these times are divided by T_p [–]
     - `pulse`: class of the pulse
     """
 
@@ -93,8 +97,8 @@ class _PulseLookahead(AbstractLookahead):
         knots = (*pulse.zeros, pulse.span[1])
         velocity = [float(pulse.velocity(np.float64(z))) for z in knots]
         tau = jnp.clip(t / self.T_p, *pulse.span)
-        # Zeros of the shape divide it into lobes. The integral is the remainder of the present lobe plus all
-        # later lobes.
+        # Zeros of the shape divide it into lobes. The integral of |ü_g| from t on is the rest of the present
+        # lobe plus all later lobes.
         lobe_end, later_lobes = velocity[-1], 0.0
         for k in reversed(range(len(pulse.zeros))):
             lobes = sum(abs(b - a) for a, b in zip(velocity[k:-1], velocity[k + 1 :], strict=True))
@@ -211,8 +215,8 @@ class AbstractPulse(AbstractExcitation):
         knots = np.asarray(self.knots())
         heights = np.asarray(self.shape(knots))
         start, end = heights[:-1], heights[1:]
-        # Each interval is monotone from `start` to `end`, so |s| exceeds the level next to a knot or not
-        # at all.
+        # On each interval the shape is monotone from `start` to `end`. So if |s| exceeds the level anywhere
+        # on it, it also does so at one of its two knots.
         falls = self._level_crossings(level, start, rises=False)
         rises = self._level_crossings(level, end, rises=True)
         lead = jnp.where(

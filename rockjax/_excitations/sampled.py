@@ -1,4 +1,7 @@
-"""Sampled ground motions: linear between samples, zero outside, with jumps at both ends."""
+"""Sampled ground motions: linear between samples, zero outside, with jumps at both ends.
+
+A table is an array with the samples of one or several motions, one motion in each row, padded with zeros.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,7 @@ from rockjax._types import Index, Value
 from .base import AbstractExcitation, AbstractLookahead, size_on
 
 # Smallest padded size, and the ratio of successive sizes. Single records have few sizes, because each size
-# needs a compiled program. Tables have closer sizes, because padding applies to every row.
+# needs a compiled program. The sizes of tables are closer, because padding applies to every row.
 RECORD_SIZES, TABLE_SIZES = (8192, 4), (2048, 2)
 
 

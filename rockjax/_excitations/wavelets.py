@@ -1,7 +1,7 @@
 """Wavelets with a variable number of oscillations.
 
-Unlike pulses, wavelets have no fixed intervals on which they are monotone. Therefore their lookaheads use
-bounds of derivatives to search for crossings.
+Unlike pulses, wavelets have no fixed intervals on which they are monotone. Therefore their lookaheads search
+for the next exceedance of a threshold with the help of bounds on ü_g and d²ü_g/dt².
 """
 
 from __future__ import annotations

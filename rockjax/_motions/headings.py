@@ -133,7 +133,8 @@ def _split(location: str, text: str, words: str) -> tuple[str, str | None]:
         unit = unit_of(remainder)
         if unit is None or not quantity:
             continue
-        # A letter after a blank may be a direction (N S); it is a unit only if it matches the quantity.
+        # What follows a mere blank may be a direction, such as the S in `N S`. It counts as a unit only if it
+        # has a dimension of the quantity, or contains a slash.
         kind = _match_quantity(quantity)
         fits = UNITS[unit].dimension in _DIMENSIONS.get(kind, {kind})
         if fits or "/" in remainder or match[0].strip(" _in"):

@@ -1,4 +1,4 @@
-"""The least and the largest axial force in the joints over a scene."""
+"""The least and the largest axial force in the joints over a scene. (F8) is in docs/forces.md."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ class AxialForce(AbstractJointOutput):
     """The least and the largest axial force N/(m_c g) at the bottom and the top joint of the worst column,
     (F8). If the least force is negative, a joint would open, and the model no longer holds.
 
-    The accumulator contains the largest −N/(m_c g) and the largest N/(m_c g) of each joint.
+    The accumulator (the value so far) contains the largest −N/(m_c g) and the largest N/(m_c g) of each
+    joint.
     """
 
     name = "axial_force"

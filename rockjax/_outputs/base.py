@@ -1,4 +1,5 @@
-"""The base class of outputs: names, units, and the methods that update an accumulator during a scene."""
+"""The base class of outputs: names, units, and the methods that update an accumulator (the value so far)
+during a scene."""
 
 from __future__ import annotations
 
@@ -64,11 +65,11 @@ class AbstractOutput:
                 return moment.c.two_R * moment.v[0] * jnp.cos(psi)
 
     and pass it in `Options(outputs=("peak_rotation", PeakBeamSpeed()))`. The answer is the largest absolute
-    value of the quantity in the scene, with derivatives. Override `over_step`, `at_impact`, `update` or
-    `answer` for other forms of answers. Override further methods to save time: rests (full contact of a rigid
-    podium), samples of the ground motion and bounces are skipped only if every requested output overrides
-    `over_rest`, `over_sample` or `over_bounces` respectively, and a scene continues to overturning or `t_end`
-    unless `is_final` returns True for every output.
+    value of the quantity in the scene, and can be differentiated. Override `over_step`, `at_impact`, `update`
+    or `answer` for other forms of answers. Override further methods to save time: rests (full contact of a
+    rigid podium), samples of the ground motion and bounces are skipped only if every requested output
+    overrides `over_rest`, `over_sample` or `over_bounces` respectively, and a scene continues to overturning
+    or `t_end` unless `is_final` returns True for every output.
 
     - `name`: name in `Options.outputs` and of the answer
     - `unit`, `description`, `symbol`, `axis`, `sensitive`, `estimated`, `until_overturning`: properties of

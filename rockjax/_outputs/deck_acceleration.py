@@ -1,4 +1,4 @@
-"""The largest absolute horizontal acceleration of the deck."""
+"""The largest absolute horizontal acceleration of the deck. (L1) is in docs/floors.md."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class PeakDeckAcceleration(AbstractOutput):
     values just before and just after events, but not the impulses of impacts. A rigid superstructure moves
     with the deck.
 
-    `is_final` uses the bound |ü_g| + 2R(|θ̈| + θ̇²|sin ψ|), in which the remaining energy limits θ̇² and,
-    through the spring forces in Eq. (24), also θ̈ (`Bounds.beam`).
+    `is_final` uses the bound |ü_g| + 2R(|θ̈| + θ̇²|sin ψ|) (`Bounds.beam`). The remaining energy limits θ̇²
+    and the spring forces, and thus also θ̈ by Eq. (24).
     """
 
     name = "peak_deck_acceleration"

@@ -1,4 +1,5 @@
-"""The largest absolute horizontal acceleration of each floor of a building."""
+"""The largest absolute horizontal acceleration of each floor of a building. (L2) and (L3) are in
+docs/floors.md."""
 
 from __future__ import annotations
 

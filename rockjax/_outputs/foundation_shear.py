@@ -1,4 +1,4 @@
-"""The largest horizontal force on the foundation over a scene."""
+"""The largest horizontal force on the foundation over a scene. (F5) is in docs/equations.md."""
 
 from __future__ import annotations
 

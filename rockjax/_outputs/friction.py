@@ -1,4 +1,8 @@
-"""The friction demand of the joints: the largest |T|/N over a scene."""
+"""The friction demand of the joints: the largest |T|/N over a scene.
+
+T and N are the horizontal and the vertical force in a joint. The "steeper" of two forces is the one with the
+larger angle from the vertical, atan2(|T|, N). (F9) and (F11) are in docs/equations.md.
+"""
 
 from __future__ import annotations
 
@@ -104,8 +108,8 @@ def steepest(
 class PeakFriction(AbstractJointOutput):
     """The largest friction demand max|T|/N at the bottom and the top joint of the worst column, (F9), (F11).
 
-    The accumulator contains the force with the largest angle from the vertical. Unlike |T|/N, the angle is
-    smooth at N = 0.
+    The accumulator (the value so far) is the force with the largest angle from the vertical. Unlike |T|/N,
+    the angle is smooth at N = 0.
     """
 
     name = "peak_friction"

@@ -1,4 +1,8 @@
-"""Friction demand and lift-off of the joints at impacts."""
+"""Friction demand and lift-off of the joints at impacts.
+
+J_T and J_N are the horizontal and the axial impulse in a joint. (F12) is in docs/forces.md, (F14) in
+docs/equations.md.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +48,8 @@ class ImpactFriction(AbstractJointOutput, AbstractEventOutput):
 
     The axial impulse of a column at x_i differs from the mean by x_i times `_impulse_gradient`; at impacts
     from σ = −1 the difference has the opposite sign. All answers are monotone in this difference. The
-    accumulator contains the largest values of the gradient and of its negative; −inf before the first impact.
+    accumulator (the value so far) contains the largest values of the gradient and of its negative; −inf
+    before the first impact.
     """
 
     name = "impact_friction"

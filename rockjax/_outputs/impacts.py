@@ -19,7 +19,7 @@ from .views import Ended, Start, StepEnd
 @dataclasses.dataclass(frozen=True)
 class Impacts(AbstractInternalOutput):
     """The output "impacts": a scene continues, and counts impacts, until the columns rest for good. Without
-    this output it ends as soon as all other outputs are final."""
+    this output, a scene ends as soon as all other outputs are final."""
 
     name = "impacts"
     follows_impacts = True

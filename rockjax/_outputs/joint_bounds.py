@@ -1,7 +1,8 @@
 """Bounds on forces in the joints, from bounds on the remaining motion of a scene.
 
-Forces are per column and divided by m_c [m/s²], as in `joint_forces`. While the columns rock, the bounds are
-written for σ = 1; rocking with σ = −1 is the mirror image.
+T and N are the horizontal and the vertical force in a joint. Forces are per column and divided by m_c [m/s²],
+as in `joint_forces`. While the columns rock, the bounds are written for σ = 1; rocking with σ = −1 is the
+mirror image. Equations (F…) are in docs/forces.md and docs/equations.md.
 """
 
 from __future__ import annotations

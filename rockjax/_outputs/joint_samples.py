@@ -1,4 +1,5 @@
-"""Bounds on forces in the joints over a sampling interval of a record, for podiums without restrainers."""
+"""Bounds on forces (T, N) in the joints over a sampling interval of a record, for podiums without
+restrainers. T is horizontal, N vertical."""
 
 from __future__ import annotations
 

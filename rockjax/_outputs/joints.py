@@ -1,6 +1,8 @@
 """Base classes of outputs at the joints, and forces of the end columns.
 
-Forces are per column and divided by m_c [m/s²], as in `joint_forces`.
+T is the horizontal and N the vertical force in a joint, compression positive. Forces are per column and
+divided by m_c [m/s²], as in `joint_forces`. The end columns are the first and the last; one of them is always
+the worst.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""The overturning margin of a scene."""
+"""The overturning margin of a scene: positive if the columns survive, zero on the boundary, negative if they
+overturn."""
 
 from __future__ import annotations
 
@@ -19,8 +20,8 @@ from .views import Bounces, Start, Step, StepEnd, Turn
 
 @dataclasses.dataclass(frozen=True)
 class Margin(AbstractEventOutput):
-    """The overturning margin (see `turning_points.py`): the least margin of all turning points, or a negative
-    value if the scene overturned."""
+    """The overturning margin: the least margin of all turning points of the rotation, or a negative value if
+    the scene overturned. `turning_points.py` defines the margin of a turning point."""
 
     name = "margin"
     unit = "1"
@@ -64,8 +65,8 @@ class Margin(AbstractEventOutput):
 
 @dataclasses.dataclass(frozen=True)
 class TurningPoints(AbstractInternalOutput):
-    """The turning point of the rotation in the latest trial step. Batches estimate the distance to the
-    overturning boundary from it."""
+    """The turning point of the rotation in the latest trial step. From this turning point, batches estimate
+    the distance to the overturning boundary."""
 
     name = "turning_points"
 

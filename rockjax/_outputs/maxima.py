@@ -1,4 +1,5 @@
-"""Maxima of smooth quantities in one step, from polynomials through both ends of the step."""
+"""Maxima of smooth quantities in one step, from polynomials through both ends of the step. An accumulator is
+the largest value so far in the scene."""
 
 from __future__ import annotations
 
@@ -92,11 +93,11 @@ class Maximum(NamedTuple):
 
 
 class End(NamedTuple):
-    """A quantity at one end of a step, with the rate in time."""
+    """A quantity at one end of a step, and its rate in time."""
 
     value: Values
     rate: Values
-    past: Value  # time from this end to the event or breakpoint there, with its derivative [s]
+    past: Value  # time from this end to the event or breakpoint there, not held constant [s]
 
 
 def larger(new: Values, accumulator: Values) -> Values:
@@ -189,7 +190,7 @@ def largest(
 def _extremum(
     path: Path, h: Value, long: Flag, turned: Flags, ends: tuple[End, End]
 ) -> tuple[Values, Values, Flags]:
-    """Return the position z and the value of an extremum in a step, and whether the path also dips
+    """Return the position z and the value of an extremum in a step, and whether the path turns twice
     (`Path.turning_point_or_dip`).
 
     In a short step, rounding dominates the polynomial, but not the rates. The extremum then follows from the

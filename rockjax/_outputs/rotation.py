@@ -1,4 +1,5 @@
-"""The largest rotation. Every scene computes it, because fast-forwards and other outputs need it."""
+"""The largest rotation. Every scene computes it, because other outputs and fast-forwards (the skipping of
+parts of a scene) need it."""
 
 from __future__ import annotations
 
@@ -81,7 +82,7 @@ class PeakRotation(AbstractEventOutput):
 
 
 def highest_angle(end: StepEnd) -> tuple[Value, Value]:
-    """Return the largest |θ| in a step [rad] and the time of this maximum [s], with derivatives."""
+    """Return the largest |θ| in a step [rad] and the time of this maximum [s]; both can be differentiated."""
     step, guard = end.step, end.step.guard
     at_stop = guard.at_end.value(end.after)
     end_angle = jnp.where(end.hit, 0.0, jnp.where(end.toppled, step.scene.overturn_angle, at_stop))

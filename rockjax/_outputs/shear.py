@@ -1,4 +1,4 @@
-"""The largest shear at the base of the superstructure."""
+"""The largest shear V_s at the base of the superstructure."""
 
 from __future__ import annotations
 
@@ -50,8 +50,9 @@ class PeakShear(AbstractOutput):
     def over_step(self, step: Step, accumulator: Value) -> Maximum:
         if step.c.vibration is None:
             return step.largest(step.course(self.quantity), accumulator, END_ZONE_ACCELERATIONS)
-        # The polynomial of a force contains the derivative of that of a deformation, which is less accurate.
-        # Therefore steps end on maxima of forces for methods of any order.
+        # The polynomial of a force contains the derivative, with respect to time, of the polynomial of a
+        # deformation, and is less accurate than the latter. Therefore steps end on maxima of forces for
+        # methods of any order.
         modal: ModalConstants | None = step.c.modal
         course = step.spring_forces if modal is None else step.inertia_force()(modal.shares)
         force = step.largest(course, accumulator * step.c.g, END_ZONE_ACCELERATIONS)

@@ -15,7 +15,8 @@ columns, beam and superstructure moving together, as they do near the unstable e
 
 As a function of a parameter, M passes through zero with a finite slope, both during the shaking and after it.
 The slopes on both sides are equal if only gravity acts, and nearly equal if the ground still moves or the
-superstructure vibrates. With restrainers the potential V of (C3) replaces the potential of gravity, (C21):
+superstructure vibrates. With restrainers the potential V of (C3) replaces the potential of gravity, (C21) of
+docs/equations.md:
 
     G = 1 − V(θ_m)/V(α_o),   f = I (−σθ̈) − V'(θ_m),   W = f⁺ [sin(α−θ_m) − sin(α−α_o)] / V(α_o).
 

@@ -1,4 +1,4 @@
-"""The largest jump of the deck's velocity at an impact."""
+"""The largest jump of the deck's velocity at an impact. (L3) is in docs/floors.md."""
 
 from __future__ import annotations
 

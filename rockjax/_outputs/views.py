@@ -3,8 +3,8 @@
 An output reads these views instead of the loop state. From a view and its accumulator (its value so far) it
 computes the new accumulator.
 
-The time of an event or a breakpoint depends on the parameters and has a derivative. A *stamp* is the value of
-such a time, held constant under differentiation.
+The time of an event or a breakpoint depends on the parameters. A *stamp* is the value of such a time, held
+constant under differentiation. (L1) and (L2) are in docs/floors.md.
 """
 
 from __future__ import annotations
@@ -104,8 +104,8 @@ class Span(NamedTuple):
     - `h`: length of the step
     - `long`: whether the step is long enough for accurate curvatures of polynomials (`hermite.is_long`)
     - `before`: time from the start of the step to the event or breakpoint there, zero in value
-    - `after`: time from the end of the step to the event or breakpoint there, zero or short. Both have
-      derivatives
+    - `after`: time from the end of the step to the event or breakpoint there, zero or short. Neither is held
+      constant under differentiation
     """
 
     h: Value
@@ -344,13 +344,14 @@ class Step:
         return cubic(self.state.v[0], trial.a0[0], end.v[0], end.a[0], trial.h)
 
     def time_to_turn(self, z: Value) -> Value:
-        """Return the time from the start of the step to the turning point of θ near `z` [s], with its
-        derivative.
+        """Return the time from the start of the step to the turning point of θ near `z` [s]. The time can be
+        differentiated.
 
         Over a very short step, the slopes of the quintic are differences of nearly equal numbers. The time
-        then follows from the speeds and accelerations at both ends. Its derivative is −θ̇'/θ̈, where θ̇' is the
-        derivative of the speed. The quotient is interpolated between the ends, because a damper with a small
-        exponent changes θ̇' and θ̈ suddenly near the turning point, but not their quotient.
+        then follows from the speeds and accelerations at both ends. Its derivative with respect to a
+        parameter is −θ̇'/θ̈, where θ̇' is that of the speed. The quotient is interpolated between the ends,
+        because a damper with a small exponent changes θ̇' and θ̈ suddenly near the turning point, but not
+        their quotient.
         """
         constant = jax.lax.stop_gradient
         newton = lambda value, slope: jnp.clip(safe_ratio(value, slope, slope != 0), -1.0, 1.0)
@@ -394,7 +395,7 @@ class Impact(NamedTuple):
 
     - `c`: constants of the podium
     - `sigma`: contact mode before the impact
-    - `t`: time of the impact, with its derivative [s]
+    - `t`: time of the impact, not held constant under differentiation [s]
     - `ground`: ü_g, or ü_g and v̈_g, after the impact [m/s²]
     - `x`, `v`: positions and velocities before the impact; θ = 0
     - `v_after`: velocities just after the impact, even if the bounces that follow it are skipped
@@ -423,7 +424,7 @@ class StepEnd(NamedTuple):
     - `accepted`: whether the step is accepted; otherwise the loop discards the updated accumulators
     - `lands`, `hit`, `toppled`: whether the step ends on an event, on an impact, on overturning
     - `after`: time from the end of the step to the event [s]
-    - `now`: time of the end, with its derivative [s]; `stamp`: the same time, held constant [s]
+    - `now`: time of the end [s]; `stamp`: the same time, held constant under differentiation [s]
     - `x`, `v`: positions and velocities after the transition
     - `impact`: the impact, valid where `hit`
     - `jolt`: the jump of the ground's velocity at the end of the step; None if the motion has no jumps
@@ -447,7 +448,7 @@ class Rest:
     """Full contact of a rigid podium up to its next uplift.
 
     - `scene`: the prepared scene
-    - `start`, `end`: times between which the columns rest, with their derivatives [s]
+    - `start`, `end`: times between which the columns rest, not held constant under differentiation [s]
     - `excluded`: duration before `end` that is left out [s]; 0 unless the ground acceleration jumps at `end`
     """
 
@@ -459,15 +460,15 @@ class Rest:
         """Largest |ü_g| during the rest [m/s²].
 
         The result is 0 after the end of the excitation. If the maximum is at an end of the rest, a jump or a
-        kink, its derivative includes the effect of the time of this point. At a smooth maximum the time has
-        no effect.
+        kink, its derivatives with respect to the parameters include the effect of the time of this point. At
+        a smooth maximum the time has no effect.
         """
         return jnp.where(self._is_shaken, jnp.abs(self._extreme(None)), 0.0)
 
     @functools.cached_property
     def extreme_ground_accelerations(self) -> tuple[Value, Value]:
-        """Smallest and largest ü_g during the rest [m/s²], with derivatives as in
-        `largest_ground_acceleration`; 0 after the end of the excitation. Not valid unless `lasts`."""
+        """Smallest and largest ü_g during the rest [m/s²], differentiated like `largest_ground_acceleration`;
+        0 after the end of the excitation. Not valid unless `lasts`."""
         end = jax.lax.stop_gradient(self.scene.excitation.support[1])
         becomes_still = self._end > end
 

@@ -1,4 +1,5 @@
-"""Sliding of unanchored bodies by ASCE/SEI 43-05, Eqs. (P6)."""
+"""Sliding of unanchored bodies by ASCE/SEI 43-05, Eqs. (A-1) and (A-2), which are (P6) in
+docs/practice.md."""
 
 from __future__ import annotations
 
@@ -13,11 +14,12 @@ from .spectra import period_grid, refined_maximum, spectrum
 
 DAMPING = 0.10  # damping ratio of the spectrum [–]
 LONGEST_PERIOD = 10.0  # longest period of the spectrum [s]
-REFINEMENT_POINTS = 64  # periods in each of the three refinements of f_es
+REFINEMENTS = 2  # number of refinements of the frequency f_es
+REFINEMENT_POINTS = 64  # periods in each refinement
 
 
 def effective_friction(friction: float, vertical: float, g: float) -> float:
-    """Return the effective friction μ_e = μ(1 − 0.4A_v/g) ≥ 0, ASCE 43-05 Eq. (A-1), (P6) [–].
+    """Return the effective friction μ_e = μ(1 − 0.4A_v/g) ≥ 0, Eq. (A-1) of ASCE 43-05 [–].
 
     - `friction`: coefficient of friction μ ≥ 0 [–]
     - `vertical`: largest vertical ground acceleration A_v ≥ 0 [m/s²]
@@ -39,19 +41,20 @@ def sliding_demand(motion: Motion, capacity: float) -> tuple[float, float]:
     periods = period_grid(2 * motion.dt, LONGEST_PERIOD)
     values = values_at(periods)
     largest = max(refined_maximum(values_at, periods, values), motion.pga)  # PGA is the limit for T → 0
-    longest = math.nan
-    for _ in range(3):
+    longest = next_period = math.nan
+    for k in range(1 + REFINEMENTS):
+        if k > 0:
+            periods = np.linspace(longest, next_period, REFINEMENT_POINTS)
+            values = values_at(periods)
         indices = np.flatnonzero(values >= capacity)
         if not indices.size:
             break
         longest, next_period = periods[indices[-1]], periods[min(indices[-1] + 1, periods.size - 1)]
-        periods = np.linspace(longest, next_period, REFINEMENT_POINTS)
-        values = values_at(periods)
     return largest, float(1 / longest)
 
 
 class AsceSliding(AbstractMethod):
-    """Capacity c_s for sliding by ASCE/SEI 43-05, (P6), without the sliding distance."""
+    """Capacity c_s for sliding by ASCE/SEI 43-05, Eqs. (A-1) and (A-2), without the sliding distance."""
 
     name = "asce_43_05_sliding"
     title = "ASCE 43-05, sliding"
@@ -65,7 +68,7 @@ class AsceSliding(AbstractMethod):
         "No verdict, because the sliding distance is not computed. c_s is twice the acceleration at which a "
         "rigid body begins to slide, so a spectrum below c_s does not exclude sliding."
     )
-    missing = ("the sliding distance is not computed, because its formula was not found",)
+    missing = ("the sliding distance is not computed, because its formula was not available",)
 
     def obstacles(self, case: Case) -> tuple[str, ...]:
         reasons = []

@@ -87,7 +87,7 @@ def as_end(owner: str, t_end) -> Array | None:
 
 
 def check_range(owner: str, podium: Podium, excitation: AbstractExcitation, t_end, options: Options) -> None:
-    """Check concrete arguments against each other.
+    """Check arguments against each other, if they are not traced by JAX.
 
     - `owner`: name of the calling function, for messages
     - `podium`, `excitation`, `options`: structure, ground motion and options of the scenes

@@ -1,9 +1,10 @@
 """The motion of the deck, of floors and of weighted sums of modes: accelerations and velocity jumps.
 
 An impact changes the velocity of the deck (the beam) in an instant. The accelerations do not contain these
-velocity jumps, which are given separately. The *bodies* are the modes of the superstructure and the beam. A
-scene is divided into *pieces*, in which the accelerations of all bodies are smooth. The equations (L…) are in
-docs/floors.md and docs/equations.md.
+velocity jumps, which are given separately. The *bodies* are the modes of the superstructure and the beam. The
+*history* of a scene is the sequence of its accepted steps, whose ends are its *nodes*. A scene is divided
+into *pieces*, in which the accelerations of all bodies are smooth. The equations (L…) are in docs/floors.md
+and docs/equations.md.
 """
 
 from __future__ import annotations

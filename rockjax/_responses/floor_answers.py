@@ -1,4 +1,5 @@
-"""Answers of light secondary systems on the floors of a structure, and their rows in tables and datasets."""
+"""Answers of light secondary systems on the floors of a structure, and their rows in tables and datasets.
+(L6) and (L15) are in docs/equations.md."""
 
 from __future__ import annotations
 

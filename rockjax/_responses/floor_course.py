@@ -1,5 +1,5 @@
-"""The motion of modes and beam (the bodies) along a history, as the excitation of secondary systems on
-floors."""
+"""The motion of modes and beam (the bodies) along a history (the accepted steps of a scene), as the
+excitation of secondary systems on floors. (L2) and (L3) are in docs/floors.md."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ class FloorCourse(NamedTuple):
     """Accelerations and velocity jumps of modes and beam along a history. The last of the bodies is the
     vertical motion of the beam.
 
-    - `times`: times of the n nodes of the history [s], with the derivatives of event times; inf after the
-      last node
+    - `times`: times of the n nodes of the history, differentiated as times of events [s]; inf after the last
+      node
     - `accelerations`: absolute accelerations at the `NODES` of each step [m/s²]
     - `jumps`: velocity jumps at the nodes of the history [m/s]
     - `end`: time of the last node [s]

@@ -1,4 +1,4 @@
-"""Bounds on the motion of floors after the end of a scene, (L16), (L17)."""
+"""Bounds on the motion of floors after the end of a scene, (L16), (L17) of docs/equations.md."""
 
 from __future__ import annotations
 

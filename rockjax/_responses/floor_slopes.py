@@ -1,4 +1,4 @@
-"""Derivatives of floor motions with respect to the logarithms of named parameters, (L8)."""
+"""Derivatives of floor motions with respect to the logarithms of named parameters, (L8) of docs/floors.md."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from .sensitivities import with_unit_factors
 
 
 class Solution(NamedTuple):
-    """A solved scene with its derivatives.
+    """A solved scene, and its derivatives with respect to the logarithms of the named parameters.
 
     - `nodes`: nodes of the history
     - `breakpoints`, `start`: breakpoints and start of the ground motion [s]
@@ -201,9 +201,10 @@ def slope_of_load(
     - `weights`, `change`: weights W_i of the floor and their derivatives, shape (modes,)
     - `direction`: "horizontal" or "vertical"
 
-    Let t' and Δv' be the derivatives of the time of an event and of its velocity jump. The derivatives of the
-    velocities just before and just after the event, at a fixed time, differ by Δv' + (a⁻ − a⁺ + jump of ü_g)
-    t'. The velocity jump Δv' + (a⁻ − a⁺) t' in (L8) is this difference minus the jump of ü_g times t'.
+    Let t' and Δv' be the derivatives of the time t of an event and of its velocity jump Δv, and let a⁻ and a⁺
+    be the accelerations of the floor just before and just after it. The derivatives of the velocities just
+    before and just after the event, at a fixed time, differ by Δv' + (a⁻ − a⁺ + jump of ü_g) t'. The velocity
+    jump Δv' + (a⁻ − a⁺) t' in (L8) is this difference minus the jump of ü_g times t'.
     """
     row = in_direction(with_beam(weights), direction)
     row_slope = in_direction(np.append(change, -change.sum()), direction)

@@ -56,8 +56,8 @@ class Energies(Module):
         return self.initial + self.input - self.mechanical - self.impacts - self.damping - self.dampers
 
 
-# Podium, excitation, nodes, end of the scene, method between the nodes, and `rtol` (None if there are no
-# restrainers).
+# Podium, excitation, nodes, end of the scene, method for the motion between the nodes, and `rtol` (None if
+# there are no restrainers).
 Solved = tuple[Podium, AbstractExcitation, Nodes, Value, Any, Any]
 
 

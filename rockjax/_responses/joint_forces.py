@@ -1,4 +1,4 @@
-"""Joint forces along a history, and impulses at the impacts."""
+"""Joint forces along a history (the accepted steps of a scene), and impulses at the impacts."""
 
 from __future__ import annotations
 

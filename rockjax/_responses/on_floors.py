@@ -1,4 +1,5 @@
-"""Light secondary systems (contents and oscillators) on floors, solved along the history of the structure."""
+"""Light secondary systems (contents and oscillators) on floors, solved along the history of the structure.
+(L15) is in docs/equations.md."""
 
 from __future__ import annotations
 
@@ -68,7 +69,7 @@ class JoltFriction(AbstractOutput):
         velocity_from_rotation = jnp.where(jolt.sigma == 0, 0.0, 0.5 * c.two_R * jolt.change[0])
         horizontal = jump.horizontal + velocity_from_rotation * cos
         impulse = Force(jnp.abs(horizontal), jump.vertical + velocity_from_rotation * s)
-        # The direction of smaller jumps depends on details of how the structure comes to rest.
+        # The direction (Δv, Δw) of smaller jumps depends on details of how the structure comes to rest.
         size = jnp.abs(jump.horizontal) + jnp.abs(jump.vertical)
         counts = end.accepted & (size > c.two_R * end.step.scene.rest_speed)
         started = end.accepted & jolt.lifts & ~state.uplifted

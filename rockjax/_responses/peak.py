@@ -64,7 +64,7 @@ def all_variables(outputs: Sequence[str | AbstractOutput] = ()) -> dict[str, tup
 
 
 class AbstractPeak(Module):
-    """Peaks and result of a scene.
+    """Peaks and result of a scene. (L1) and (L3) are equations of docs/floors.md.
 
     - `peak_rotation`: max|θ|/α, at most `overturn_ratio` [–]; `peak_rotation_time`: time at which this
       rotation is first reached [s]

@@ -1,4 +1,4 @@
-"""Time histories: the motion at any time, and quantities derived from it."""
+"""Time histories: the motion at any time, and quantities derived from this motion."""
 
 from __future__ import annotations
 
@@ -70,6 +70,9 @@ class Response(AbstractPeak):
     - `impact_times`: times of the impacts [s], ascending; padded with NaN under `jit`
     - `times`: times of the nodes (the accepted steps) [s]; padded with inf under `jit`
     - `origin`: name, source, factor and seed of the motion if it was given as a [`rockjax.Motion`][]
+
+    Equations with a letter are in docs/modes.md (C11), docs/floors.md (L…), docs/forces.md and
+    docs/equations.md.
     """
 
     impact_times: Float[Array, " impacts"]

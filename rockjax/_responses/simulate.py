@@ -148,7 +148,7 @@ def _errors(arguments, floats, integers) -> Errors | None:
 
 
 def _arguments(owner: str, podium, excitation, initial, t_end, options):
-    """Convert the arguments to arrays, and check concrete values."""
+    """Convert the arguments to arrays, and check the values that are not traced by JAX."""
     check_types(owner, podium, options)
     excitation = as_excitation(owner, excitation)
     initial, t_end = as_start(owner, initial, podium), as_end(owner, t_end)

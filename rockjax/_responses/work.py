@@ -1,4 +1,5 @@
-"""Power of the ground and of dampers, and the restoring moment of the columns, along a history."""
+"""Power of the ground and of dampers, and the restoring moment of the columns, along a history. (C18) and
+(C22) are in docs/equations.md."""
 
 from __future__ import annotations
 
@@ -67,10 +68,11 @@ def restoring_moment(c: Coefficients, sigma: Value, ground: Value | Shaking, x: 
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
     - `x`, `v`: positions and velocities
 
-    In full contact the moment balances the demand: −q/q_up, Eq. (9). While rocking, the vertical forces of
-    the foundation act at the edges and carry the weights and the vertical inertia forces: (sin ψ/sin α)[1 +
-    (2γ+2η+½)/(2γ+2η+1) v̈_b/g] with v̈_b of Eq. (15), because the centres of the columns rise half as fast as
-    the beam. At uplift v̈_b = 0, and both expressions equal σ. Restrainers add forces times lever arms, (C22).
+    In full contact the moment balances the uplift demand q: it is −q/q_up, Eq. (9). While rocking, the
+    vertical forces of the foundation act at the edges and carry the weights and the vertical inertia forces:
+    (sin ψ/sin α)[1 + (2γ+2η+½)/(2γ+2η+1) v̈_b/g] with v̈_b of Eq. (15), because the centres of the columns
+    rise half as fast as the beam. At uplift v̈_b = 0, and both expressions equal σ. Restrainers add forces
+    times lever arms, (C22).
     """
     s, _ = sincos(sigma * c.alpha - x[0])
     theta_ddot = acceleration(c, sigma, ground, x, v)[0]

@@ -1,4 +1,9 @@
-"""Mean annual frequency of overturning: the integral of a fragility along a hazard curve."""
+"""Mean annual frequency of overturning: the integral of a fragility along a hazard curve.
+
+A hazard curve λ(x) is the mean annual rate at which the intensity x of the ground motion is exceeded. A
+fragility F(x), also called P, is the probability of failure at the intensity x. The levels of an incremental
+dynamic analysis are the intensities to which its records are scaled.
+"""
 
 from __future__ import annotations
 

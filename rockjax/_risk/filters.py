@@ -13,7 +13,8 @@ from rockjax._tree import Module
 
 
 class Filter(Module):
-    """A second-order filter (b₂ s² + b₁ s + b₀)/(s² + a₁ s + a₀), starting from rest.
+    """A second-order filter with the transfer function (b₂ s² + b₁ s + b₀)/(s² + a₁ s + a₀), starting from
+    rest.
 
     Several such filters in series form a filter of higher order.
 
@@ -38,7 +39,7 @@ class Filter(Module):
 
     @classmethod
     def high_pass(cls, omega: Any, zeta: Any = 0.6) -> Self:
-        """Return s²/(s² + 2ζω s + ω²), which removes frequencies far below ω.
+        """Return the filter s²/(s² + 2ζω s + ω²), which removes frequencies far below ω.
 
         - `omega`: frequency ω, > 0 [rad/s]; `zeta`: damping ratio ζ, > 0 [–]
         """
@@ -47,7 +48,7 @@ class Filter(Module):
 
     @classmethod
     def low_pass(cls, omega: Any, zeta: Any = 0.7) -> Self:
-        """Return ω²/(s² + 2ζω s + ω²), which removes frequencies far above ω.
+        """Return the filter ω²/(s² + 2ζω s + ω²), which removes frequencies far above ω.
 
         - `omega`: frequency ω, > 0 [rad/s]; `zeta`: damping ratio ζ, > 0 [–]
         """
@@ -56,9 +57,10 @@ class Filter(Module):
 
     @classmethod
     def layer(cls, omega: Any, zeta: Any) -> Self:
-        """Return (2ζω s + ω²)/(s² + 2ζω s + ω²), a soil layer (Kanai 1957, Tajimi 1960).
+        """Return the filter (2ζω s + ω²)/(s² + 2ζω s + ω²), a soil layer (Kanai 1957, Tajimi 1960).
 
-        It is the transfer function of an oscillator from ground acceleration to absolute acceleration.
+        The filter has the transfer function of an oscillator from ground acceleration to absolute
+        acceleration.
 
         - `omega`: frequency ω, > 0 [rad/s]; `zeta`: damping ratio ζ, > 0 [–]
         """

@@ -1,8 +1,8 @@
 """Gaussian ground motions: modulated white noise, filtered after Kanai–Tajimi and Clough–Penzien.
 
-With u ∈ ℝⁿ standard normal, the envelope e(t) and the spectral density S₀, the noise
-w_j = u_j e(t_j) √(2π S₀/dt) is constant over each interval. It passes, from rest, through a soil layer and a
-high-pass filter:
+The noise has the value w_j = u_j e(t_j) √(2π S₀/dt) in the sampling interval from t_j to t_j + dt. Here u ∈
+ℝⁿ is a vector of independent standard normal numbers, e(t) the envelope, and S₀ the spectral density. The
+noise passes, from rest, through a soil layer and a high-pass filter:
 
     ẍ + 2ζ_g ω_g ẋ + ω_g² x = −w,   a_g = −(2ζ_g ω_g ẋ + ω_g² x),
     ÿ + 2ζ_f ω_f ẏ + ω_f² y = a_g,   ü_g(t_j) = ÿ(t_j).

@@ -1,4 +1,5 @@
-"""Limit states: functions G(u) of standard normal u, evaluated in batches. Failure is G ≤ 0."""
+"""Limit states: functions G(u) of a vector u of independent standard normal numbers, evaluated in batches.
+Failure is G ≤ 0."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """Crossings of straight lines in standard normal space with the surface of failure, in one batch.
 
-G is evaluated at positions c along each line. Intervals with one surviving and one failing end are divided
-further. All survival and failure windows wider than the distance between two positions are found.
+Failure is G ≤ 0, with the limit state function G. G is evaluated at positions c along each line. Intervals
+with one surviving and one failing end are divided further. Windows are intervals of c in which a line
+survives or fails; those wider than the distance between two positions are all found.
 """
 
 from __future__ import annotations

@@ -1,10 +1,11 @@
 """Probabilities of failure of several structures from one sample, by rays through failing samples.
 
-A ray is a half-line from u = 0 in a direction e. Its probability of failure is q(e) = Σ ±Q(r), summed over
-its crossings r with the surface of failure: + where the ray enters failure, − where it leaves. Q is the upper
-tail of the chi distribution (the distribution of |u|). The mean over all directions is P = E q(e). The
-directions of failing samples of a first structure (index 0) have the density q₀/P₀ relative to all
-directions. For another structure, with u multiplied by k, the probability is therefore
+A vector u of independent standard normal numbers determines the ground motion. A ray is a half-line from u =
+0 in a direction e. Its probability of failure is q(e) = Σ ±Q(r), summed over its crossings r with the surface
+of failure: + where the ray enters failure, − where it leaves. Q is the upper tail of the chi distribution
+(the distribution of |u|). The mean over all directions is P = E q(e). The directions of failing samples of a
+first structure (index 0) have the density q₀/P₀ relative to all directions. For another structure, with u
+multiplied by k, the probability is therefore
 
     P(k) = P₀ E[q(e; k)/q₀(e)],
 

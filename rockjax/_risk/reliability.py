@@ -1,4 +1,5 @@
-"""Probabilities of failure of limit states in standard normal space, and their design points."""
+"""Probabilities of failure of limit states in standard normal space, and their design points: the failing
+points at which the distance from the origin has a local minimum."""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Failure of rocking structures under Gaussian ground motions: probabilities and most likely motions."""
+"""Failure of rocking structures under Gaussian ground motions: probabilities and most likely motions.
+
+A vector u of independent standard normal numbers determines the motion. The limit state is the surface in the
+space of u at which the structure begins to fail.
+"""
 
 from __future__ import annotations
 

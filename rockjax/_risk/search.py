@@ -1,8 +1,9 @@
 """Design points: the points of failure closest to the origin of standard normal space.
 
-For a direction e on the unit sphere, r(e) is the least distance at which the ray r·e fails. A design point is
-a local minimum of r(e). This search stays on the limit state and does not need a continuous G: where the mode
-of failure changes, G jumps, but r is still defined. The searches from all starts advance together:
+Failure is G ≤ 0, with the limit state function G. For a direction e on the unit sphere, r(e) is the least
+distance at which the ray r·e fails. A design point is a local minimum of r(e). This search stays on the
+surface of failure and does not need a continuous G: where the mode of failure changes, G jumps, but r is
+still defined. The searches from all starts advance together:
 
 1. At the point r·e the gradient gives the normal a = −∇G/|∇G|, which is the direction of the design point of
    a linear G.

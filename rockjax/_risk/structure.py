@@ -1,4 +1,9 @@
-"""Limit states of podiums under Gaussian motions: G(u) follows from the response to ü_g = A u."""
+"""Limit states of podiums under Gaussian motions.
+
+A Gaussian motion is ü_g = A u: a fixed matrix A times a vector u of independent standard normal numbers. A
+limit state is a function G(u) that is ≤ 0 if and only if the podium fails. It follows from the simulated
+response to the motion.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +34,8 @@ from .limit_state import AbstractLimitState
 
 BATCH = 256  # number of records in a batch, fixed so that one compiled program serves all batches
 GRADIENT_BATCH = 8  # number of scenes whose derivatives are computed together
-# The samples of the motion limit most steps, so a tight tolerance costs little.
+# The sampling interval of the motion limits the length of most solver steps, so a tight tolerance costs
+# little.
 OPTIONS = Options(rtol=1e-9, atol=1e-11)
 
 
@@ -105,7 +111,8 @@ class StructureLimitState(AbstractLimitState):
     def __init__(self, podium: Podium, motion: GaussianMotion, limit: Limit, options: Options = OPTIONS):
         super().__init__(motion.dimension)
         self.podium, self.motion, self.limit = podium, motion, limit
-        # Without a pulse, −u gives the motion with the opposite sign, under which the podium also fails.
+        # Without a pulse, −u reverses the motion, so by symmetry the podium fails under −u if and only if it
+        # fails under u.
         self.mirrored = motion.pulse is None
         self.options = options.replace(outputs=(limit.request,), throw=False)
 
@@ -135,12 +142,13 @@ class StructureLimitState(AbstractLimitState):
         return peak_responses(self.podium, records, options=options, sensitivities=names)
 
     def log_slopes(self, u: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return G and its derivatives, at the rows of u, shape (m, d).
+        """Return G and its logarithmic derivatives at the rows of u.
 
+        - `u`: points, shape (m, d)
         - `names`: names of parameters of the podium
 
-        The derivatives are with respect to ln|u|, in the direction of u, shape (m,), and with respect to the
-        logarithms of the parameters, shape (m, names). G has the shape (m,).
+        Returned are G (m,), its derivative with respect to ln|u| at fixed direction of u (m,), and its
+        derivatives with respect to the logarithms of the parameters (m, names).
         """
         # Without a pulse, the derivative with respect to ln|u| is a sensitivity to the scale of the motion.
         scale_name = () if self.motion.pulse is not None else ("scale",)
@@ -191,7 +199,8 @@ class StructureLimitState(AbstractLimitState):
         impacts = np.asarray(self._peaks(u).impacts)
         if not np.isnan(impacts).any():
             return impacts
-        # A surviving scene ends as soon as its requested outputs are final, so impacts must be requested.
+        # NaN marks scenes that did not finish, and scenes that ended as soon as their requested outputs were
+        # final, before the last impact. Impacts are therefore requested as well.
         return np.asarray(self._peaks(u, (), "impacts").impacts)
 
 
@@ -204,7 +213,8 @@ def records_from_samples(motion: GaussianMotion, u: Float[Array, "k d"]) -> Reco
 
 
 def _limit_value(value, overturned, limit: Limit):
-    """Return G from a peak of a scene and whether it overturned; G ≤ 0 if and only if the scene fails.
+    """Return G, computed from a peak of the scene and the flag `overturned`; G ≤ 0 if and only if the podium
+    fails.
 
     For several modes, stories, floors or joints, the largest peak counts.
     """

@@ -82,7 +82,8 @@ def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _
     that are not one-dimensional or outside their ranges.
     """
     require_instance("grid", "structure", structure, Podium, "a rockjax.Podium")
-    structure = structure.split_rows()  # one scalar for each mode, story or column; arrays are then batches
+    # Values for each mode, story or column become scalars; an array that remains is a batch of podiums.
+    structure = structure.split_rows()
     shapes = {jnp.shape(y) for y in jax.tree.leaves(structure)} - {()}
     if shapes:
         raise ValueError(

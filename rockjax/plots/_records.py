@@ -17,9 +17,11 @@ MAX_COLOURS = 6  # with more records, all curves are grey and the median is draw
 
 @styled
 def record_spectrum(dataset: xarray.Dataset) -> Figure:
-    """Plot PGA divided by the least overturning PGA, and the largest displacement of the top, against p.
+    """Plot PGA divided by the least overturning PGA (`demand`), and the largest displacement of the top,
+    against p.
 
-    `dataset` is from [`rockjax.record_spectrum`][].
+    `dataset` is from [`rockjax.record_spectrum`][]. With many records, medians are drawn. A demand of NaN
+    counts as 0 in the median, and the displacement of a structure that overturns as infinite.
     """
     p, names = dataset["p"].values, dataset["record"].values
     figure = plt.figure(figsize=(5.6, 5.6), layout="constrained")
@@ -33,7 +35,8 @@ def record_spectrum(dataset: xarray.Dataset) -> Figure:
         upper.plot(p, dataset["demand"][k], label=str(name) if is_coloured else None, **style)
         lower.plot(p, dataset["top_displacement"][k], **style)
     if not is_coloured:
-        # The demand is NaN below the searched range; the displacement is NaN if the structure overturns.
+        # The demand is NaN if the least overturning PGA is above the searched range. The displacement is NaN
+        # if the structure overturns.
         median = np.median(np.nan_to_num(dataset["demand"].values, nan=0.0), axis=0)
         upper.plot(p, np.where(median > 0, median, np.nan), color=COLOURS[0], label="median")
         median_survives = np.sum(~dataset["overturned"].values, axis=0) > len(names) / 2

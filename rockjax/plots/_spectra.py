@@ -1,4 +1,4 @@
-"""Plots of rocking spectra, and the dimensional axes of all spectra."""
+"""Plots of rocking spectra, and secondary axes with units (T_p in s, a_p in g) for all spectra."""
 
 from __future__ import annotations
 
@@ -97,11 +97,12 @@ def spectra(panels: xarray.Dataset) -> Figure:
 
 
 def draw_panels(panels: xarray.Dataset, draw: Callable[..., Axes], title: str = "", **bar) -> Figure:
-    """Draw spectra with dimensional axes and one colour bar: one row per η/γ, one column per T_s.
+    """Draw spectra with secondary axes and one colour bar: one row per η/γ, one column per T_s.
 
     - `panels`: spectrum with the further dims `eta_over_gamma` and `T_s`
     - `draw`: function (spectrum, axes) that draws one panel with Matplotlib's `contourf`
-    - `title`: text before the description of structure and pulse
+    - `title`: start of the figure's title, before the description of structure and pulse that
+      `grid_of_panels` adds
     - `bar`: arguments of `rotation_bar`
     """
     rows, columns = panels.sizes["eta_over_gamma"], panels.sizes["T_s"]
@@ -121,7 +122,7 @@ def draw_panels(panels: xarray.Dataset, draw: Callable[..., Axes], title: str = 
 def label_panel(
     panels: xarray.Dataset, panel: xarray.Dataset, axes: np.ndarray, i: int, j: int, prefix: str = ""
 ) -> None:
-    """Add dimensional axes, title and labels to the panel in row i and column j.
+    """Add secondary axes, title and labels to the panel in row i and column j.
 
     - `panels`: spectrum of all panels; `panel`: spectrum of this panel
     - `axes`: axes of all panels, with limits set

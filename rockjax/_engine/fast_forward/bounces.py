@@ -1,8 +1,9 @@
 """Detection of bounces that certainly end at rest, and can be skipped.
 
-A rigid column that hits the ground slowly continues in ever shorter hops. Each impact multiplies the speed by
-e, which bounds the time until rest. If the ground motion cannot lift the column before that time, and no hop
-can change an output, the bounces are skipped: the column is put to rest at the first impact.
+A rigid column that hits the ground slowly continues in ever shorter hops (motions from one impact to the
+next). Each impact multiplies the speed by the restitution factor e, which bounds the time until rest. If the
+ground motion cannot lift the column before that time, and no hop can change an output, the bounces are
+skipped: the column is put to rest at the first impact.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ def skipped_bounces(
 ) -> Skipped:
     """Return whether the bounces after an impact are skipped, and how many impacts they contain.
 
-    - `scene`, `plan`: the prepared scene and its static choices
+    - `scene`, `plan`: the prepared scene, and its choices fixed at compilation
     - `state`: state before the step that ends with the impact
     - `now`: time [s], piece of the excitation and ground acceleration [m/s²] at the impact
     - `hit`: True if the step ends with an impact

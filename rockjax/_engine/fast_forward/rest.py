@@ -37,8 +37,9 @@ def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopS
 
     side = constant(-jnp.sign(demand_on(piece)(stamp)))
     # Uplift occurs where the demand crosses the threshold, or at a breakpoint where the demand jumps above
-    # the threshold. Its time has the derivative of the time of this crossing or breakpoint. If the demand
-    # crosses the threshold at a breakpoint without a jump, the piece before the breakpoint applies.
+    # the threshold. The time of the uplift is differentiated as that of the crossing or of the breakpoint. If
+    # the demand crosses the threshold at a breakpoint without a jump, the piece before the breakpoint
+    # applies.
     previous_breakpoint = excitation.breakpoint(excitation.before(piece))
     at_breakpoint = constant(previous_breakpoint) == stamp
     jump = demand_on(piece)(stamp) - demand_on(excitation.before(piece))(stamp)

@@ -1,4 +1,4 @@
-"""Tables of sweeps and ensembles."""
+"""Tables of problem files for `rockjax sweep` and `rockjax ensemble`."""
 
 from __future__ import annotations
 
@@ -32,12 +32,15 @@ Axis = Annotated[
 
 
 class Sweep(OneMotion):
-    """Table of `rockjax sweep`. Without `number`, the motions of a set are an axis."""
+    """Table of `rockjax sweep`. The key `number` selects one motion of a set; without it, the motions of the
+    set form an axis of the grid."""
 
     outputs: list[str] = key(
         ["peak_rotation"], "Requested outputs: peak_rotation, peak_shear, margin …", GRID
     )
-    chunk: Count | None = key(None, "Scenes computed at a time; by default some seconds of work.", MACHINES)
+    chunk: Count | None = key(
+        None, "Number of scenes computed at a time; by default as many as take some seconds.", MACHINES
+    )
     axes: dict[str, Axis] = key({}, "Axes of the grid: name of a parameter → values, as in `rockjax.grid`.")
 
 
@@ -102,7 +105,8 @@ Spread = Annotated[
 
 
 class Ensemble(OneMotion):
-    """Table of `rockjax ensemble`. Without `number`, every scene draws one of the motions of a set."""
+    """Table of `rockjax ensemble`. The key `number` selects one motion of a set; without it, every scene
+    draws one of the motions of the set."""
 
     n: Count = key(1000, "Number of scenes.", GRID)
     seed: Index = key(0, "Seed of the random numbers; equal seeds give equal draws.", GRID)
@@ -110,5 +114,5 @@ class Ensemble(OneMotion):
         ["peak_rotation"], "Requested outputs: peak_rotation, peak_shear, errors …", GRID
     )
     spread: dict[str, Spread] = key(
-        {}, "Distributions: name of a parameter → number or distribution, as in `rockjax.ensemble`."
+        {}, "Name of a parameter → number (a fixed value) or distribution, as in `rockjax.ensemble`."
     )

@@ -1,9 +1,10 @@
 """Importance sampling from normal densities around the design points, weighted by likelihood ratios.
 
-The density is a mixture h(u) = Σ w_i φ(u − u_i) + w_0 φ(u). One half of w_i is proportional to Φ(−β_i); the
-other half is equal for all design points. Because φ itself is part of the mixture, no likelihood ratio φ/h
-exceeds 1/w_0. The ratios depend only on the projections of u on the design points, so they do not degenerate
-in high dimensions.
+The density is a mixture h(u) = Σ w_i φ(u − u_i) + w_0 φ(u), with the design points u_i at the distances β_i
+from the origin, and the density φ and distribution Φ of standard normal numbers. One half of w_i is
+proportional to Φ(−β_i); the other half is equal for all design points. Because φ itself is part of the
+mixture, no likelihood ratio φ/h exceeds 1/w_0. The ratios depend only on the projections of u on the design
+points, so they do not degenerate in high dimensions.
 
 If failure is unrelated to the design points, as often in rocking, the weights of failing samples have a heavy
 tail: a few samples dominate the sum. The shape k of a generalised Pareto distribution fitted to the largest

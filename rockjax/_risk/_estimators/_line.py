@@ -6,8 +6,9 @@ divide space into regions: u belongs to the region of the design point with the 
 ends at the boundary of its region, so no failing segment is counted twice or omitted.
 
 If a parameter y of the structure or the motion changes, the crossings move. The derivative of the probability
-is dP/dy = −E Σ φ(c) (∂G/∂y)/|∂G/∂c|, summed over the crossings c of a line. Where G jumps across zero, its
-derivatives do not determine how the crossing moves.
+is dP/dy = −E Σ φ(c) (∂G/∂y)/|∂G/∂c|, summed over the crossings c of a line, with the mean E over the lines
+and the standard normal density φ. Where G jumps across zero, its derivatives do not determine how the
+crossing moves.
 """
 
 from __future__ import annotations
