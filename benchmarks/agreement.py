@@ -1,5 +1,7 @@
 """Agreement of results from several methods: `python -m benchmarks.agreement [scenes] [seed] [kind …]`.
 
+By default, answers about motion and superstructure are compared; with `--forces`, forces in the joints.
+
 The scenes are random. A kind of scene is a combination of superstructure, devices, direction and motion, such
 as `elastic-power-vertical-steps`; an argument selects all kinds that contain its words. The motions are
 rougher than earthquakes (noise of a few samples with offsets, steps, pulses) or zero. About 40 % of the
@@ -40,6 +42,7 @@ import numpy as np
 import rockjax as rj
 from rockjax import _results as results
 from rockjax._excitations.pulses import PULSES
+from rockjax._outputs.registry import VARIABLES
 
 # Superstructures; "truncated" is a building without its last mode, "unkept" a building without modes.
 TOPS = ("none", "rigid", "elastic", "modes", "building", "truncated", "unkept")
@@ -48,7 +51,7 @@ DIRECTIONS = ("horizontal", "vertical")
 SAMPLED = ("rough", "steps", "rest")  # sampled motions, which share one compiled program
 MOTIONS = (*SAMPLED, *PULSES)
 STORIES = 3
-OUTPUTS = {
+OUTPUTS = {  # names of answers
     "none": ("peak_rotation", "margin"),
     "rigid": ("peak_rotation", "margin", "peak_shear"),
     "elastic": ("peak_rotation", "margin", "peak_shear", "peak_deformation"),
@@ -63,6 +66,15 @@ OUTPUTS = {
     "unkept": ("peak_rotation", "margin", "peak_shear", "peak_floor_acceleration"),
 }
 OUTPUTS |= {"modes": OUTPUTS["elastic"], "truncated": OUTPUTS["building"]}
+FORCES = (
+    "peak_rotation",
+    "peak_friction",
+    "least_axial_force",
+    "peak_axial_force",
+    "peak_foundation_shear",
+    "peak_impact_friction",
+    "least_impulse_share",
+)
 
 RECORDS, SAMPLES, SPACING = 40, 200, 0.02
 TOLERANCES = (1e-8, 1e-10, 1e-12)
@@ -93,8 +105,9 @@ class SceneKind(NamedTuple):
     def matching(cls, words) -> Iterator[SceneKind]:
         """Yield the kinds that contain all parts of one of the words, such as `elastic-steps`."""
         for parts in itertools.product(TOPS, DEVICES, DIRECTIONS, MOTIONS):
-            if not words or any(set(word.split("-")) <= set(parts) for word in words):
-                yield cls(*parts)
+            kind = cls(*parts)
+            if not words or any(set(word.split("-")) <= set(str(kind).split("-")) for word in words):
+                yield kind
 
 
 class Scenes(NamedTuple):
@@ -109,7 +122,9 @@ class Scenes(NamedTuple):
         """Return the scenes with α and the motion multiplied by factors."""
         alphas = np.asarray(self.podium.alpha) * alpha
         scales = np.broadcast_to(scale, np.broadcast_shapes(np.shape(scale), alphas.shape))
-        return self._replace(podium=self.podium.replace(alpha=alphas), motion=self.motion.scaled(scales))
+        R = np.broadcast_to(self.podium.R, alphas.shape)  # the check of the elevation multiplies it by sin α
+        podium = self.podium.replace(alpha=alphas, R=R)
+        return self._replace(podium=podium, motion=self.motion.scaled(scales))
 
     def scene(self, k: int) -> Scenes:
         """Return scene k, with its record."""
@@ -162,7 +177,9 @@ def scenes(kind: SceneKind, count: int, seed: int) -> Scenes:
     rate = np.where(is_rotated & (uniform(0, 1) < 0.5), p * alpha * uniform(-0.5, 0.5), 0.0)
     start, end = (np.asarray(y) for y in motion.support)
     duration = np.where(uniform(0, 1) < 0.4, (end - start) * uniform(0.3, 2.5), (end - start) * 3 + 30 / p)
-    return Scenes(structure, motion, _initial(structure, is_rotated, theta, rate, uniform), start + duration)
+    initial = _initial(structure, is_rotated, theta, rate, uniform)
+    structure = structure.replace(elevation=_elevation(structure, uniform))
+    return Scenes(structure, motion, initial, start + duration)
 
 
 def _top(name: str, uniform) -> Any:
@@ -199,6 +216,19 @@ def _devices(name: str, uniform) -> tuple[Any, ...]:
     )
 
 
+def _elevation(podium: rj.Podium, uniform) -> rj.Elevation:
+    """Return three columns at different distances and masses at random heights; joints open in part of the
+    scenes."""
+    width, height = 2 * podium.R * np.sin(podium.alpha), 2 * podium.R * np.cos(podium.alpha)
+    gaps = np.asarray(width)[:, None] * (1 + 10 ** uniform(-1, 1, 2))
+    columns = np.cumsum(np.pad(gaps, ((0, 0), (1, 0))), axis=1)
+    count = getattr(podium.superstructure, "height_count", None)
+    top_height = np.asarray(height)[:, None] * np.cumsum(uniform(0.2, 1, count or 1), axis=1)
+    return rj.Elevation(
+        columns, height * uniform(0, 0.3), top_height if count else top_height[:, 0], height * uniform(0, 1)
+    )
+
+
 def _initial(podium: rj.Podium, is_rotated, theta, rate, uniform) -> rj.State:
     count = getattr(podium.superstructure, "count", 0)
     if not podium.vibrates:
@@ -218,7 +248,8 @@ def _rows(rng: np.random.Generator, steps: bool) -> list[np.ndarray]:
     return rows
 
 
-def solve(batch: Scenes, outputs: tuple[str, ...], rtol: float, method="dopri8", **more) -> rj.Peak:
+def solve(batch: Scenes, answers: tuple[str, ...], rtol: float, method="dopri8", **more) -> rj.Peak:
+    outputs = tuple(dict.fromkeys(VARIABLES[y][1] if y in VARIABLES else y for y in answers))
     options = rj.Options(
         rtol=rtol, atol=0.01 * rtol, outputs=outputs, method=method, max_steps=MAX_STEPS, throw=False
     )
@@ -230,12 +261,13 @@ def solve(batch: Scenes, outputs: tuple[str, ...], rtol: float, method="dopri8",
 
 
 def columns(answers: Any, names: tuple[str, ...], shape: tuple[int, ...], last: int = 0) -> np.ndarray:
-    """Return named answers, shape (columns, *shape, …), with one column for each mode or story of an answer.
+    """Return named answers, shape (columns, *shape, …), with one column for each mode, story or joint of an
+    answer.
 
     - `answers`: peaks, sensitivities or errors
     - `names`: names of the answers
     - `shape`: shape of the batch
-    - `last`: number of axes after those of modes and stories
+    - `last`: number of axes after those of modes, stories and joints
     """
     rows = []
     for name in names:
@@ -243,6 +275,12 @@ def columns(answers: Any, names: tuple[str, ...], shape: tuple[int, ...], last: 
         last_shape = values.shape[values.ndim - last :]
         rows.append(np.moveaxis(values.reshape(*shape, -1, *last_shape), len(shape), 0))
     return np.concatenate(rows)
+
+
+def finite_columns(peaks: rj.Peak, names: tuple[str, ...], shape: tuple[int, ...]) -> np.ndarray:
+    """Return columns of peaks, with 0 for an infinite friction demand, whose derivative is 0."""
+    values = columns(peaks, names, shape)
+    return np.where(np.isinf(values), 0.0, values)
 
 
 def labels(answers: Any, names: tuple[str, ...]) -> list[str]:
@@ -277,7 +315,7 @@ def differentiate(batch: Scenes, outputs: tuple[str, ...]) -> Differences:
     shape = (len(alpha), len(batch.t_end))
     # Sensitivities are requested only so that the compiled program is the same as in `compare`.
     peaks = solve(batch.varied(alpha, scale), outputs, TOLERANCES[-1], sensitivities=PARAMETERS)
-    answers = columns(peaks, outputs, shape)
+    answers = finite_columns(peaks, outputs, shape)
     centre, shifted = answers[:, :1], answers[:, 1:]
     by_side = shifted.reshape(len(answers), len(PARAMETERS), 2, len(h), shape[1])
     forward = (by_side[:, :, 0] - centre[:, None]) / h[:, None]
@@ -316,11 +354,13 @@ class Difference(NamedTuple):
         )
 
 
-def compare(kind: SceneKind, batch: Scenes, with_ways: bool = False) -> list[Difference]:
+def compare(
+    kind: SceneKind, batch: Scenes, outputs: tuple[str, ...], with_ways: bool = False
+) -> list[Difference]:
     """Return the answers and derivatives of a batch whose errors exceed the limits."""
-    outputs, count = OUTPUTS[kind.top], (len(batch.t_end),)
+    count = (len(batch.t_end),)
     peaks = {rtol: solve(batch, outputs, rtol, sensitivities=PARAMETERS) for rtol in TOLERANCES}
-    loose, reference, tight = (columns(peak, outputs, count) for peak in peaks.values())
+    loose, reference, tight = (finite_columns(peak, outputs, count) for peak in peaks.values())
     # The answer at the tightest tolerance is taken as correct, unless the two others agree on another value.
     is_outlier = 10 * np.abs(loose - reference) < np.abs(tight - reference)
     reference = np.where(is_outlier | np.isnan(tight), reference, tight)
@@ -349,20 +389,20 @@ def compare(kind: SceneKind, batch: Scenes, with_ways: bool = False) -> list[Dif
         is_off = ~(np.abs(values - reference) <= limit) & answered
         if is_off.any():
             masks = {name: mask.any(axis=-1) for name, mask in unsettled.items()}
-            flagged = flags(kind, batch, rtol, np.maximum(limit, np.abs(values - reference)))
+            flagged = flags(outputs, batch, rtol, np.maximum(limit, np.abs(values - reference)))
             add(names, route, values, reference, is_off, {"flagged": flagged, **masks})
 
     slope_limit = RELATIVE * (np.abs(differences.values) + np.abs(reference)[..., None]) + ABSOLUTE
     slopes = {rtol: columns(y.sensitivities, outputs, count, last=1) for rtol, y in peaks.items()}
     errors = {rtol: np.abs(y - differences.values) for rtol, y in slopes.items()}
     for rtol, peak in peaks.items():
-        judge(f"{rtol:g}", rtol, columns(peak, outputs, count))
+        judge(f"{rtol:g}", rtol, finite_columns(peak, outputs, count))
         wrong = ~(errors[rtol] <= slope_limit) & answered[:, None]
         if wrong.any():
             on_side = [np.abs(slopes[rtol] - side) <= 100 * slope_limit for side in differences.sides]
             tighter = [errors[other] <= slope_limit for other in TOLERANCES if other < rtol]
             converges = (errors[rtol] <= 100 * slope_limit) & np.all(tighter, axis=0) & (len(tighter) > 0)
-            flagged = np.broadcast_to(flags(kind, batch, rtol, limit)[..., None], wrong.shape)
+            flagged = np.broadcast_to(flags(outputs, batch, rtol, limit)[..., None], wrong.shape)
             masks = {"tie": on_side[0] | on_side[1], "flagged": flagged, **unsettled, "converges": converges}
             add(names, f"{rtol:g}", slopes[rtol], differences.values, wrong, masks)
     if with_ways:
@@ -371,16 +411,15 @@ def compare(kind: SceneKind, batch: Scenes, with_ways: bool = False) -> list[Dif
             ("all impacts", TOLERANCES[1], (*outputs, "impacts"), "dopri8"),
             ("tsit5", TOLERANCES[2], outputs, "tsit5"),
         ):
-            judge(route, rtol, columns(solve(batch, requested, rtol, method), outputs, count))
+            judge(route, rtol, finite_columns(solve(batch, requested, rtol, method), outputs, count))
     return deviations
 
 
-def flags(kind: SceneKind, batch: Scenes, rtol: float, error: np.ndarray) -> np.ndarray:
+def flags(outputs: tuple[str, ...], batch: Scenes, rtol: float, error: np.ndarray) -> np.ndarray:
     """Return a mask of answers whose estimated errors cover `error`, shape (columns, scenes).
 
     For the margin, the estimate of the rotation is used.
     """
-    outputs = OUTPUTS[kind.top]
     errors: Any = solve(batch, (*outputs, "errors"), rtol).errors
     estimated = tuple("peak_rotation" if name == "margin" else name for name in outputs)
     size = columns(errors, estimated, (len(batch.t_end),))
@@ -435,17 +474,19 @@ def main() -> None:
     parser.add_argument("scenes", type=int, nargs="?", default=1000)
     parser.add_argument("seed", type=int, nargs="?", default=1)
     parser.add_argument("kinds", nargs="*")
+    parser.add_argument("--forces", action="store_true")
     parser.add_argument("--ways", action="store_true")
     parser.add_argument("--faults", type=Path)
     parser.add_argument("--again", type=Path)
     arguments = parser.parse_args()
+    outputs_of = lambda kind: FORCES if arguments.forces else OUTPUTS[kind.top]
     if arguments.again:
         kind, batch = read(arguments.again)
-        print(*compare(kind, batch, arguments.ways), sep="\n")
+        print(*compare(kind, batch, outputs_of(kind), arguments.ways), sep="\n")
         return
     for kind in SceneKind.matching(arguments.kinds):
         batch = scenes(kind, arguments.scenes, arguments.seed)
-        deviations = compare(kind, batch, arguments.ways)
+        deviations = compare(kind, batch, outputs_of(kind), arguments.ways)
         print(*table(kind, deviations, arguments.scenes), sep="\n", flush=True)
         if arguments.faults:
             arguments.faults.mkdir(parents=True, exist_ok=True)

@@ -17,6 +17,8 @@ import jax.numpy as jnp
 from rockjax._programs.barrier import barrier
 from rockjax._types import Flags, Value, Values
 
+from .ratio import safe_ratio
+
 # Iterations of the safeguarded Newton searches. Derivatives of peaks need turning points accurate to about
 # 1e-6. Crossings may be less accurate, since they only propose the end of the next trial.
 _TURN_ITERATIONS, _CROSSING_ITERATIONS = 5, 4
@@ -66,6 +68,20 @@ def quintic(x0: Values, v0: Values, a0: Values, x1: Values, v1: Values, a1: Valu
         -15 * rise + 7 * steepening - bending,
         6 * rise - 3 * steepening + 0.5 * bending,
     )
+
+
+def middle(
+    x0: Values, v0: Values, a0: Values, x1: Values, v1: Values, a1: Values, h: Value
+) -> tuple[Values, Values]:
+    """Return the value and the slope in time of a quintic at z = 0.5.
+
+    - `x0`, `v0`, `a0`: value, slope and curvature at the start
+    - `x1`, `v1`, `a1`: value, slope and curvature at the end
+    - `h`: length of the step [s]
+    """
+    value = 0.5 * (x0 + x1) + h * (5 / 32 * (v0 - v1) + h / 64 * (a0 + a1))
+    slope = safe_ratio(15 / 8 * (x1 - x0), h, h > 0) - 7 / 16 * (v0 + v1) + h / 32 * (a1 - a0)
+    return value, slope
 
 
 def third_at_end(path: Quintic, a0: Values, a1: Values, h: Value, max_step: Value) -> Values:

@@ -14,8 +14,9 @@ import jax
 import jax.numpy as jnp
 
 from rockjax._engine.coefficients import not_none
+from rockjax._engine.hermite import derivative
 from rockjax._engine.ratio import safe_ratio
-from rockjax._outputs.maxima import NEAR_MAXIMUM, ROUNDING, Cubic, Maximum
+from rockjax._outputs.maxima import CLOSE, END_ZONE_ACCELERATIONS, NEAR_MAXIMUM, ROUNDING, Maximum, Quartic
 from rockjax._programs.barrier import barrier
 from rockjax._types import Flag, Value
 
@@ -29,32 +30,30 @@ Accumulator = tuple[Value, ...]
 Forces = tuple[Force, Force]
 
 
-def _interior_maximum(tangential: Cubic, axial: Cubic, reference: Force) -> tuple[Value, Flag]:
+def _interior_maximum(tangential: Quartic, axial: Quartic, reference: Force) -> tuple[Value, Flag]:
     """Return the position z of the interior maximum of T·N_0 − T_0·N, and whether there is one. (T_0, N_0) is
     the force `reference`. Where the difference is positive, (T, N) is steeper than (T_0, N_0)."""
-    a, b, c = (
-        k * (reference.axial * t - reference.size * n)
-        for k, t, n in zip((1, 2, 3), tangential[1:], axial[1:], strict=True)
+    difference = Quartic(
+        *[reference.axial * t - reference.size * n for t, n in zip(tangential, axial, strict=True)]
     )
+    a, b, c = derivative(difference.cubic)
     squared = b * b - 4 * a * c
     root = jnp.sqrt(jnp.maximum(squared, 0.0))
     falls = b < 0
     numerator, denominator = jnp.where(falls, 2 * a, -b - root), jnp.where(falls, root - b, 2 * c)
     z = numerator / jnp.where(denominator == 0, 1.0, denominator)
-    return z, (squared > 0) & (denominator != 0) & (z > 0) & (z < 1)
+    exists = (squared > 0) & (denominator != 0) & (z > 0) & (z < 1)
+    return difference.extremum_near(z, exists), exists
 
 
 @jax.jit
-def steepest(
-    tangential: Course, axial: Course, span: Span, accumulator: Force, zone: Value
-) -> tuple[Force, Value]:
+def steepest(tangential: Course, axial: Course, span: Span, accumulator: Force) -> tuple[Force, Value]:
     """Return the steepest force in a step, which has the largest angle from the vertical, and the
     `retry_fraction` of a `Maximum`.
 
     - `tangential`, `axial`: T and N over the step
     - `span`: times of the step
     - `accumulator`: steepest force so far
-    - `zone`: fraction of the step at both ends where a maximum needs no shorter step
 
     Let (T_0, N_0) be the steepest of the `accumulator` and the forces at both ends. If a force inside the
     step is steeper, T·N_0 − T_0·N is positive there, and the force at its maximum is taken. A second search
@@ -63,14 +62,22 @@ def steepest(
     constant, h = jax.lax.stop_gradient, span.h
 
     def end(k: int) -> tuple[Value, Value]:
-        """Return T and N at the event or breakpoint at an end of the step."""
-        past, values = (span.before, span.after)[k], []
+        """Return T and N at the event or breakpoint at an end of the step, or at the nearest extremum of the
+        angle if it is at this end up to rounding."""
+        jets = []
         for course in (tangential, axial):
             value, rate = course[1 + k]
             mean = safe_ratio(course.end[1] - course.start[1], h, h > 0)
             at_end = safe_ratio(course.path.curvature(jnp.full_like(h, float(k))), h * h, h > 0)
-            curvature = jnp.where(span.long, at_end, mean)
-            values.append(value + past * (rate + 0.5 * past * curvature))
+            jets.append((value, rate, jnp.where(span.long, at_end, mean)))
+        # The angle has its extremum where T·N_0 − T_0·N has one, with the values T_0 and N_0 at this end. An
+        # error of its time hardly changes the angle, but its derivative.
+        (t, *t_jet), (n, *n_jet) = constant(jets)
+        rate, curvature = (a * n - t * b for a, b in zip(t_jet, n_jet, strict=True))
+        to_extremum = -safe_ratio(rate, curvature, curvature != 0)
+        is_close = jnp.abs(rate * to_extremum) < CLOSE * jnp.finfo(h.dtype).eps * jnp.abs(t * n)
+        past = (span.before, span.after)[k] + jnp.where(is_close, to_extremum, 0.0)
+        values = [value + past * (rate + 0.5 * past * curvature) for value, rate, curvature in jets]
         return values[0], values[1]
 
     ends = barrier([end(0), end(1)])
@@ -84,23 +91,25 @@ def steepest(
     ]
     at_end = jnp.where(forces[1].is_steeper(forces[0]), ends[1][0], ends[0][0])
     side = constant(jnp.where(jnp.where(rises[0] * rises[1] < 0, rises[0], at_end) < 0, -1.0, 1.0))
-    paths = Cubic(*[side * y for y in tangential.path]), axial.path
+    paths = Quartic(*[side * y for y in tangential.path]), axial.path
     fixed = constant(paths)
     reference = constant(Force((1 - NEAR_MAXIMUM) * accumulator.size, accumulator.axial).steeper(largest_end))
 
-    def force_at(z: Value, paths: tuple[Cubic, Cubic]) -> Force:
+    def force_at(z: Value, paths: tuple[Quartic, Quartic]) -> Force:
         return Force(*[path.value(z) for path in paths])
 
     z, exists = barrier(_interior_maximum(*fixed, reference))
     found = force_at(z, fixed)
     refined, is_refined = _interior_maximum(*fixed, found)
     z = barrier(jnp.where(exists & is_refined & found.is_steeper(reference), refined, z))
+    # Where T changes its sign, the found force may be on the other side, with a smaller angle than expected.
     found = force_at(z, paths)
+    found = found._replace(size=jnp.abs(found.size))
     left, right = found.size * reference.axial, reference.size * found.axial
     rounding = ROUNDING * jnp.finfo(h.dtype).eps * (jnp.abs(left) + jnp.abs(right))
     exceeds = constant(exists & (left - right > rounding))
     force = largest_end.replaced(exceeds, found)
-    shortens = exceeds & (z > zone) & (z < 1 - zone)
+    shortens = exceeds & (z > END_ZONE_ACCELERATIONS) & (z < 1 - END_ZONE_ACCELERATIONS)
     return barrier(force), jnp.where(shortens, z, jnp.inf)
 
 
@@ -131,7 +140,7 @@ class PeakFriction(AbstractJointOutput):
         for joint, so_far in enumerate(accumulator):
             worst = None
             for courses in zip(tangential[joint], axial[joint], strict=True):
-                force, retry_fraction = steepest(*courses, step.span, so_far, step.joint_end_zone)
+                force, retry_fraction = steepest(*courses, step.span, so_far)
                 worst = force if worst is None else force.steeper(worst)
                 fraction = jnp.minimum(fraction, retry_fraction)
             values.append(worst)

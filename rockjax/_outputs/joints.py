@@ -97,7 +97,7 @@ def end_forces(moment: Moment) -> tuple[Value, ...]:
 
 def over_step(step: Step) -> EndForces[Course]:
     """Return the forces over a step."""
-    return EndForces.from_row(step.courses(end_forces))
+    return EndForces.from_row(step.courses(end_forces, through_middle=True))
 
 
 def over_rest(rest: Rest) -> list[EndForces[Value]]:

@@ -24,9 +24,6 @@ END_ZONE = 0.02  # end zone for turning points of θ, as a fraction of the step
 # small error of this time changes the derivative of the force.
 END_ZONE_DEFORMATIONS = 2e-3
 END_ZONE_ACCELERATIONS = 1e-6
-# End zone for forces in the joints, which have many maxima: END_ZONE_FORCES · rtol^¼, limited to the other
-# two values. Near z = 0 the error of a cubic is 16 z² times its largest error in the step.
-END_ZONE_FORCES, LEAST_END_ZONE, LARGEST_END_ZONE = 0.1, 1e-4, 1e-2
 ROUNDING = 64  # relative differences below this multiple of the machine epsilon are rounding
 ROUNDING_ANGLE = 4  # the same for θ, which has smaller rounding errors because the solver integrates it
 CLOSE = 1024  # relative differences of an extremum from an end below this multiple are treated as rounding
@@ -68,6 +65,43 @@ class Cubic(NamedTuple):
         return z, may_dip & (a + z * (b + z * c) < -noise)
 
 
+class Quartic(NamedTuple):
+    """Coefficients of a polynomial c0 + c1 z + … + c4 z⁴, or of an array of such polynomials."""
+
+    c0: Values
+    c1: Values
+    c2: Values
+    c3: Values
+    c4: Values
+
+    def value(self, z: Values | float) -> Values:
+        return self.c0 + z * (self.c1 + z * (self.c2 + z * (self.c3 + z * self.c4)))
+
+    def slope(self, z: Values | float) -> Values:
+        return self.c1 + z * (2 * self.c2 + z * (3 * self.c3 + z * (4 * self.c4)))
+
+    def curvature(self, z: Values | float) -> Values:
+        return 2 * self.c2 + z * (6 * self.c3 + z * (12 * self.c4))
+
+    @property
+    def cubic(self) -> Cubic:
+        """The cubic with the same values and slopes at both ends."""
+        return Cubic(self.c0, self.c1, self.c2 - self.c4, self.c3 + 2 * self.c4)
+
+    def extremum_near(self, z: Values, exists: Flags) -> Values:
+        """Return the extremum near an extremum z of the cubic, by Newton's method; z if not `exists`."""
+        for _ in range(2):
+            curvature = self.curvature(z)
+            newton = z - self.slope(z) / jnp.where(curvature == 0, 1.0, curvature)
+            z = barrier(jnp.where(exists & (newton > 0) & (newton < 1), newton, z))
+        return z
+
+    def turning_point_or_dip(self, turned: Flags, rising: Flags) -> tuple[Values, Flags]:
+        """Do the same as `hermite.turning_point_or_dip`. A dip is that of the cubic."""
+        z, dips = self.cubic.turning_point_or_dip(turned, rising)
+        return self.extremum_near(z, turned), dips
+
+
 Sizes = Literal["absolute", "signed", "both"]  # which maxima `largest` returns
 _SIZES: dict[str, tuple[Callable[[Values], Values], ...]] = {
     "absolute": (jnp.abs,),
@@ -106,7 +140,7 @@ def larger(new: Values, accumulator: Values) -> Values:
     return jnp.where(new > accumulator, new, accumulator)
 
 
-@functools.partial(jax.jit, static_argnames=("end_zone", "shortens_step", "sizes"))
+@functools.partial(jax.jit, static_argnames=("end_zone", "shortens_step", "sizes", "of_joints"))
 def largest(
     path: Path,
     h: Value,
@@ -116,7 +150,7 @@ def largest(
     end_zone: float = END_ZONE_DEFORMATIONS,
     shortens_step: bool = True,
     sizes: Sizes = "absolute",
-    joint_end_zone: Value | None = None,
+    of_joints: bool = False,
 ) -> Maximum:
     """Return the `Maximum` of a quantity f over a step.
 
@@ -129,7 +163,7 @@ def largest(
     - `shortens_step`: whether steps are shortened at all
     - `sizes`: "absolute" for max|f|, "signed" for max f, "both" for a pair of max(−f) and max f;
       `accumulator` has the same form
-    - `joint_end_zone`: for forces in the joints, replaces `end_zone`; None for other quantities
+    - `of_joints`: whether f is a force in a joint
 
     If f turns twice in the step, and one of these extrema may exceed the accumulator, the next trial ends
     between them. For forces in the joints, an extremum must also exceed the values at both ends, because the
@@ -173,13 +207,12 @@ def largest(
             threshold = so_far - jnp.where(jnp.isfinite(so_far), NEAR_MAXIMUM * jnp.abs(so_far), 0.0)
         shortens = shortens_step & turned & exceeds_ends & (value > threshold)
         size_of_dip = size_at_z + change  # bound of f or |f| at both turning points
-        if joint_end_zone is not None:
+        if of_joints:
             threshold = jnp.maximum(threshold, largest_end - NEAR_MAXIMUM * jnp.abs(largest_end))
         else:
             size_of_dip = jnp.maximum(largest_end, size_of_dip)
         shortens |= long & dips & (size_of_dip > threshold)
-        zone = end_zone if joint_end_zone is None else joint_end_zone
-        shortens &= (z > zone) & (z < 1 - zone)
+        shortens &= (z > end_zone) & (z < 1 - end_zone)
         values.append(value)
         fractions.append(jnp.where(shortens, z, jnp.inf))
     if sizes == "both":
@@ -198,7 +231,8 @@ def _extremum(
     """
     start, end = ends
     change_of_rate = end.rate - start.rate
-    z, dips = barrier(jax.lax.stop_gradient(path).turning_point_or_dip(turned, start.rate > 0))
+    rises = (start.rate > 0) | ((start.rate == 0) & (end.rate > 0))
+    z, dips = barrier(jax.lax.stop_gradient(path).turning_point_or_dip(turned, rises))
     z_linear = safe_ratio(*jax.lax.stop_gradient((start.rate, -change_of_rate)), turned)
     z = jnp.where(turned & ~long, z_linear, z)
     from_start, from_end = (
@@ -220,7 +254,7 @@ def spring(deformation: Quintic, omega2: Values, damping: Values, h: Value) -> Q
 
 
 def cubic(f0: Values, rate0: Values, f1: Values, rate1: Values, h: Value) -> Cubic:
-    """Return the cubic Hermite polynomial over a step, for a quantity whose curvature is not available.
+    """Return the cubic Hermite polynomial over a step.
 
     - `f0`, `rate0`: value and rate in time at the start
     - `f1`, `rate1`: value and rate in time at the end
@@ -228,3 +262,16 @@ def cubic(f0: Values, rate0: Values, f1: Values, rate1: Values, h: Value) -> Cub
     """
     m0, m1, rise = h * rate0, h * rate1, f1 - f0
     return Cubic(f0, m0, 3 * rise - 2 * m0 - m1, m0 + m1 - 2 * rise)
+
+
+def quartic(cubic: Cubic, middle: Values, long: Flag) -> Quartic:
+    """Return the quartic with the values and slopes of a cubic at both ends of the step, and with a given
+    value in the middle. In a short step, where the difference to the cubic is rounding, return the cubic.
+
+    - `cubic`: the Hermite polynomial over the step
+    - `middle`: value of the quantity at z = 0.5
+    - `long`: whether the step is long (`hermite.is_long`)
+    """
+    c0, c1, c2, c3 = cubic
+    c4 = jnp.where(long, 16 * (middle - cubic.value(0.5)), 0.0)
+    return Quartic(c0, c1, c2 + c4, c3 - 2 * c4, c4)

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from rockjax._engine.attempt import Attempt
 from rockjax._engine.coefficients import Coefficients, Vibration, not_none, summed, weighted
 from rockjax._engine.guard import Guard
-from rockjax._engine.hermite import Quintic, is_long, quintic
+from rockjax._engine.hermite import Quintic, is_long, middle, quintic
 from rockjax._engine.model import acceleration, beam, beam_absolute_acceleration, beam_acceleration
 from rockjax._engine.ratio import safe_ratio
 from rockjax._engine.state import LoopState, Scene
@@ -28,9 +28,6 @@ from rockjax._excitations.base import Shaking
 from rockjax._outputs.maxima import (
     END_ZONE,
     END_ZONE_ACCELERATIONS,
-    END_ZONE_FORCES,
-    LARGEST_END_ZONE,
-    LEAST_END_ZONE,
     ROUNDING_ANGLE,
     Cubic,
     End,
@@ -39,6 +36,7 @@ from rockjax._outputs.maxima import (
     cubic,
     larger,
     largest,
+    quartic,
     spring,
 )
 from rockjax._programs.barrier import barrier
@@ -185,9 +183,13 @@ class Step:
         (course,) = self.courses(quantity)
         return course
 
-    def courses(self, quantity: Quantity) -> list[Course]:
+    def courses(self, quantity: Quantity, through_middle: bool = False) -> list[Course]:
         """Return the values of a quantity over the step as cubics, in the order of the tuple that the
-        quantity returns. In batches a tuple of scalars is much faster than an array."""
+        quantity returns. In batches a tuple of scalars is much faster than an array.
+
+        With `through_middle`, return quartics through the values in the middle of the step. Their extrema are
+        so accurate that fewer steps are shortened to end on them.
+        """
         if quantity in self._courses:  # several outputs may use the same quantity
             return self._courses[quantity]
         state, trial, c, sigma = self.state, self.trial, self.c, self.sigma
@@ -202,11 +204,29 @@ class Step:
         end = jax.jvp(at_state, (state.t + trial.h, after.x, after.v), (one, after.v, after.a))
         start, end = barrier((start, end))
         jets = zip(*[jax.tree.leaves(y) for y in (*start, *end)], strict=True)
-        self._courses[quantity] = [
+        courses = [
             Course(cubic(f0, rate0, f1, rate1, trial.h), (f0, rate0), (f1, rate1))
             for f0, rate0, f1, rate1 in jets
         ]
-        return self._courses[quantity]
+        if through_middle:
+            values = jax.tree.leaves(barrier(at_state(*self._middle)))
+            courses = [
+                course._replace(path=quartic(course.path, value, self.span.long))
+                for course, value in zip(courses, values, strict=True)
+            ]
+        self._courses[quantity] = courses
+        return courses
+
+    @functools.cached_property
+    def _middle(self) -> tuple[Value, Vector, Vector]:
+        """Time, positions and velocities in the middle of the step, from the quintics through both ends."""
+        state, trial, end, h = self.state, self.trial, self.trial.end, self.trial.h
+        x, v = [], []
+        for x0, v0, a0, x1, v1, a1 in zip(state.x, state.v, trial.a0, end.x, end.v, end.a, strict=True):
+            position, velocity = middle(x0, v0, a0, x1, v1, a1, h)
+            x.append(position)
+            v.append(velocity)
+        return barrier((state.t + 0.5 * h, tuple(x), tuple(v)))
 
     @functools.cached_property
     def _jets(self) -> tuple[Jet, Jet]:
@@ -302,17 +322,11 @@ class Step:
     def _ends(self, course: Course) -> tuple[End, End]:
         return End(*course.start, self.span.before), End(*course.end, self.span.after)
 
-    @functools.cached_property
-    def joint_end_zone(self) -> Value:
-        """Fraction of the step at both ends where a maximum of a force needs no shorter step."""
-        zone = END_ZONE_FORCES * jnp.sqrt(jnp.sqrt(self.scene.rtol))
-        return jnp.clip(zone, LEAST_END_ZONE, LARGEST_END_ZONE)
-
     def largest_forces(
         self, groups: Sequence[Sequence[Course]], accumulators: Sequence[Any], sizes: Sizes = "absolute"
     ) -> Maximum:
-        """Return the `Maximum` of groups of forces over the step: the largest value of each group, and the
-        least `retry_fraction`.
+        """Return the `Maximum` of groups of forces in the joints over the step: the largest value of each
+        group, and the least `retry_fraction`.
 
         - `groups`: the forces over the step, such as those of both end columns
         - `accumulators`: largest value so far of each group
@@ -327,8 +341,9 @@ class Step:
                     span.long,
                     accumulator,
                     self._ends(course),
+                    END_ZONE_ACCELERATIONS,
                     sizes=sizes,
-                    joint_end_zone=self.joint_end_zone,
+                    of_joints=True,
                 )
                 for course in group
             ]

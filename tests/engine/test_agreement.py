@@ -9,6 +9,8 @@ from benchmarks import agreement
 from benchmarks.agreement import DEVICES, DIRECTIONS, SAMPLED, TOPS, SceneKind
 
 COUNT = 60
+TOLERANCES = (1e-8, 1e-10, 1e-11, 1e-12)
+ANSWERS = ("motion", "forces")  # answers about motion and superstructure, or forces in the joints
 GROUPS = ["-".join(parts) for parts in itertools.product(TOPS, DEVICES, DIRECTIONS)]
 PULSES = [
     "none-free-horizontal",
@@ -35,24 +37,38 @@ TURNS = [
     ("modes-power-vertical-steps", 7, "margin", (4.18381, None)),
 ]
 
+# Scenes in which an axial force or the foundation shear turns at such a time: seed, scene, answer, joint, and
+# the derivatives from differences that settle.
+FORCE_TURNS = [
+    ("elastic-free-horizontal-rough", 1, 46, "peak_axial_force", 1, (421.11389, -287.95270)),
+    ("elastic-free-horizontal-rough", 1, 46, "peak_foundation_shear", None, (1.7415540, -0.84602201)),
+    ("elastic-free-horizontal-rough", 58, 49, "least_axial_force", 0, (-18.361946, 2.1179151)),
+    ("elastic-free-horizontal-steps", 1, 16, "peak_axial_force", 0, (-31.537348, 103.27511)),
+    ("elastic-free-horizontal-steps", 1, 35, "least_axial_force", 0, (434.59993, -1419.4371)),
+    ("elastic-free-horizontal-steps", 58, 28, "peak_axial_force", 1, (20.838188, -11.243084)),
+]
 
-def faults(group, motion):
+
+def faults(group, motion, answers):
     kind = SceneKind.from_name(f"{group}-{motion}")
-    deviations = agreement.compare(kind, agreement.scenes(kind, COUNT, seed=1))
+    outputs = agreement.OUTPUTS[kind.top] if answers == "motion" else agreement.FORCES
+    deviations = agreement.compare(kind, agreement.scenes(kind, COUNT, seed=1), outputs)
     return [str(each) for each in deviations if each.name == "FAULT"]
 
 
-@pytest.mark.slow(but=["none-power-vertical"])
+@pytest.mark.slow(but=["motion-none-power-vertical", "forces-none-free-horizontal"])
 @pytest.mark.parametrize("group", GROUPS)
-def test_under_records_and_from_rest(group):
-    assert not [fault for motion in SAMPLED for fault in faults(group, motion)]
+@pytest.mark.parametrize("answers", ANSWERS)
+def test_under_records_and_from_rest(answers, group):
+    assert not [fault for motion in SAMPLED for fault in faults(group, motion, answers)]
 
 
-@pytest.mark.slow(but=["one-sine-none-free-horizontal"])
+@pytest.mark.slow(but=["motion-one-sine-none-free-horizontal"])
 @pytest.mark.parametrize("group", PULSES)
 @pytest.mark.parametrize("pulse", ["one-sine", "one-cosine"])
-def test_under_pulses(group, pulse):
-    assert not faults(group, pulse)
+@pytest.mark.parametrize("answers", ANSWERS)
+def test_under_pulses(answers, group, pulse):
+    assert not faults(group, pulse, answers)
 
 
 @pytest.mark.slow(but=["modes-free-horizontal-steps-58", "elastic-power-horizontal-rest-58"])
@@ -62,8 +78,37 @@ def test_under_pulses(group, pulse):
 def test_derivatives_at_turning_points(name, scene, output, right):
     kind = SceneKind.from_name(name)
     batch = agreement.scenes(kind, COUNT, seed=58)
-    for rtol in (1e-8, 1e-10, 1e-11, 1e-12):
+    for rtol in TOLERANCES:
         peaks = agreement.solve(batch, agreement.OUTPUTS[kind.top], rtol, sensitivities=agreement.PARAMETERS)
         slopes = np.asarray(getattr(peaks.sensitivities, output))[scene]
         for slope, expected in zip(slopes, right, strict=True):
             assert expected is None or slope == pytest.approx(expected, rel=1.5e-5), rtol
+
+
+@pytest.mark.slow(but=["elastic-free-horizontal-steps-16-peak_axial_force"])
+@pytest.mark.parametrize(
+    ("name", "seed", "scene", "answer", "joint", "right"),
+    FORCE_TURNS,
+    ids=[f"{name}-{scene}-{answer}" for name, _, scene, answer, *_ in FORCE_TURNS],
+)
+def test_derivatives_of_forces_at_turning_points(name, seed, scene, answer, joint, right):
+    batch = agreement.scenes(SceneKind.from_name(name), COUNT, seed)
+    for rtol in TOLERANCES:
+        peaks = agreement.solve(batch, agreement.FORCES, rtol, sensitivities=agreement.PARAMETERS)
+        slopes = np.asarray(getattr(peaks.sensitivities, answer))[scene]
+        slopes = slopes if joint is None else slopes[joint]
+        assert slopes == pytest.approx(right, rel=3e-5), rtol
+
+
+@pytest.mark.slow(but=["steps"])
+@pytest.mark.parametrize("motion", ["rough", "steps"])
+def test_friction_demand_is_infinite_where_a_joint_opens(motion):
+    """In some of these scenes T changes its sign while the joint is open."""
+    batch = agreement.scenes(SceneKind("elastic", "free", "horizontal", motion), COUNT, seed=1)
+    for rtol in TOLERANCES:
+        peaks = agreement.solve(batch, agreement.FORCES, rtol, sensitivities=agreement.PARAMETERS)
+        opens = np.asarray(peaks.least_axial_force) < 0
+        assert opens.any()
+        assert not opens.all()
+        np.testing.assert_array_equal(np.isinf(peaks.peak_friction), opens)
+        assert np.all(np.asarray(peaks.peak_friction) >= 0)
