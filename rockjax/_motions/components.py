@@ -23,8 +23,9 @@ def _normalise(name: str) -> str:
 
 
 def is_vertical(name: str) -> bool:
-    """Return whether a name means a vertical component: the whole name, its first word or the part after its
-    last point is a name such as `Up`, `U-D`, `UD1`, `VERT.`, `DWN` or `HNZ`."""
+    """Return whether a name means a vertical component. One of three parts must be a name such as `Up`,
+    `U-D`, `UD1`, `VERT.`, `DWN` or `HNZ`: the whole name, its first word, or the part after its last
+    point."""
     return any(
         _matches_vertical(_normalise(word)) for word in (name, (name.split() or [""])[0], name.split(".")[-1])
     )

@@ -2,8 +2,8 @@
 
 An excitation stays as it is. A `Motion`, which readers return, becomes a `Record`, or a `GroundMotion` if it
 has a vertical component. `Motions`, and lists of motions, become a table of `Records`; lists of pulses of one
-class become a batch of pulses. Anything else raises a `ValueError` that names the argument and, for strings,
-paths, arrays, numbers and classes of pulses, a call that makes a ground motion.
+class become a batch of pulses. Anything else raises a `ValueError` that names the argument. For strings,
+paths, arrays, numbers and classes of pulses it also names a call that makes a ground motion.
 """
 
 from __future__ import annotations

@@ -32,8 +32,8 @@ def describe_record(record: Record) -> dict[str, Any]:
 
 
 def describe_origin(motion: Any) -> tuple[tuple[str, str | float], ...]:
-    """Return attributes with name, source, scale factor and seed of a `Motion` and of its vertical
-    component; empty for other excitations."""
+    """Return attributes with the name of a `Motion`, with its source, scale factor and seed if it has them,
+    and likewise for its vertical component. Empty for other excitations."""
     if not isinstance(motion, Motion):
         return ()
     attributes: dict[str, Any] = {"record_name": motion.name}
@@ -47,9 +47,12 @@ def describe_origin(motion: Any) -> tuple[tuple[str, str | float], ...]:
 
 
 def describe_motions(excitations: Any) -> dict[str, Any]:
-    """Return attributes that describe a record, or lists of them for several records; empty for other
-    excitations. A `Motion` has name, source, number of samples, dt, PGA and checksum; a table of records has
-    only dt, PGA and checksum."""
+    """Return attributes that describe a record. For several records, the value of each attribute is a list
+    with one element per record. Empty for other excitations.
+
+    A `Motion` has name, source, number of samples, dt, PGA and checksum; a table of records has only dt, PGA
+    and checksum.
+    """
     if isinstance(excitations, Motion):
         record = excitations.record()
         record = record.horizontal if isinstance(record, GroundMotion) else record
@@ -67,7 +70,8 @@ def describe_motions(excitations: Any) -> dict[str, Any]:
 
 
 def _named_motions(argument: Any) -> list[Motion]:
-    """Return all `Motion` objects in an argument, which have names and sources."""
+    """Return all `Motion` objects in a value, also in nested lists. Only they have a name, and they may have
+    a source."""
     if isinstance(argument, Motion):
         return [argument]
     if isinstance(argument, list | tuple | Motions):
@@ -81,8 +85,8 @@ def record_coords(records: Records | RecordPairs, argument: Any = None) -> dict[
     - `records`: table of the records
     - `argument`: argument from which the table was made, or None
 
-    The coordinates are dt, PGA and checksum of the samples, and source and seed if each record comes from a
-    motion in `argument` that has them.
+    The coordinates are dt, PGA and checksum of the samples. The source is added if the motions in `argument`
+    give one for every record, and likewise the seed.
     """
     table = records.horizontal if isinstance(records, GroundMotion) else records
     assert isinstance(table, Records)

@@ -42,8 +42,8 @@ def read_motion(
     be chosen, the message lists the channels.
 
     Warns ([`rockjax.RecordWarning`][]) if the file is damaged, if its data are raw, or if the values look
-    wrong: PGA above 3 g or below 1e-4 g (below 0.05 g with `units="m/s2"`), a sampling interval above 0.1 s
-    or below 1e-4 s, or a final velocity of more than a fifth of PGV.
+    wrong: a PGA outside 1e-4 g to 3 g (with `units="m/s2"`, outside 0.05 g to 3 g), a sampling interval
+    outside 1e-4 s to 0.1 s, or a final velocity of more than a fifth of PGV.
     """
     motion = read(path, units, dt, component)
     warn_if_implausible(motion, str(path), stacklevel=3, unit_from_user=units is not None)

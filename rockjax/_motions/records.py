@@ -36,8 +36,8 @@ class Records(AbstractSampled):
     """A batch of records, of any lengths and sampling intervals, in one table.
 
     `Records.of(records)` returns a batch of k records, shape (k,). `pick(j)` selects record j, or for an
-    array of indices j a batch of the array's shape. `scaled(factor)` broadcasts against the batch. In
-    [`rockjax.peak_responses`][] all scenes share the table, and one compiled program serves records of
+    array of indices j a batch of the array's shape. `scaled(factor)` broadcasts `factor` against the batch.
+    In [`rockjax.peak_responses`][] all scenes share the table, and one compiled program serves records of
     different lengths.
 
     - `acceleration`: samples, shape (k, n), rows padded with zeros [m/s²]
@@ -174,8 +174,8 @@ class Records(AbstractSampled):
 
 
 class RecordPairs(GroundMotion):
-    """A batch of record pairs: the same rows of a horizontal and a vertical table. `magnitudes` refers to the
-    horizontal table."""
+    """A batch of record pairs: the same rows of a table of horizontal records and of a table of vertical
+    records. `magnitudes` refers to the horizontal records."""
 
     @classmethod
     def of(cls, pairs: Sequence[GroundMotion]) -> Self:

@@ -55,8 +55,8 @@ def _is_vertical(motion: Accelerogram) -> bool:
 
 
 def _station_key(motion: Accelerogram) -> tuple[str, ...]:
-    """Return a key for motions that belong together: station, event and date, or the name of the motion if
-    the header states no station."""
+    """Return a key for motions that belong together: station, event and date. If the header states no
+    station, the key is the name of the motion."""
     key = [str(motion.metadata.get(name) or "") for name in ("station", "event", "date")]
     return tuple(key) if key[0] else ("", motion.name)
 

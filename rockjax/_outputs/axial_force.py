@@ -23,8 +23,8 @@ Pairs = tuple[tuple[Value, Value], ...]
 
 @dataclasses.dataclass(frozen=True)
 class AxialForce(AbstractJointOutput):
-    """The least and the largest axial force N/(m_c g) at the bottom and the top joint of the worst column,
-    (F8). If the least force is negative, a joint would open, and the model no longer holds.
+    """The least and the largest axial force N/(m_c g) at the bottom and the top joint, over time and over all
+    columns, (F8). If the least force is negative, a joint would open, and the model no longer holds.
 
     The accumulator (the value so far) contains the largest −N/(m_c g) and the largest N/(m_c g) of each
     joint.
@@ -80,9 +80,9 @@ class AxialForce(AbstractJointOutput):
 
 @dataclasses.dataclass(frozen=True)
 class Unloading(AxialForce):
-    """The largest loss of axial force 1 − N/N_0 at the bottom and the top joint of the worst column [–], for
-    design targets and limit states. N_0 is the dead load of the mean column. If the loss exceeds 1, a joint
-    would open. The answer is 0 at a joint without dead load.
+    """The largest loss of axial force 1 − N/N_0 at the bottom and the top joint, over time and over all
+    columns [–], for design targets and limit states. N_0 is the dead load, averaged over the columns. If the
+    loss exceeds 1, a joint would open. The answer is 0 at a joint without dead load.
     """
 
     name = "unloading"

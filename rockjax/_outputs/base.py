@@ -78,8 +78,8 @@ class AbstractOutput:
     - `needs_flat`: whether the output requires `Options(engine="flat")`, the default
     - `follows_impacts`: whether the output needs every impact until rest, however slow
     - `of_joints`: whether the output needs the constants of the joints, `moment.c.joints`
-    - `needs_simple_contact`: whether parts of a scene are skipped only without restrainers and without
-      vertical ground motion
+    - `needs_simple_contact`: whether no part of a scene may be skipped if there are restrainers or vertical
+      ground motion
     """
 
     name: ClassVar[str]
@@ -170,7 +170,7 @@ class AbstractOutput:
 
     def over_sample(self, sample: Sample, accumulator: Any) -> Flag | bool:
         """Return whether the accumulator stays the same in a sampling interval that is skipped without a
-        trial."""
+        trial step (a step that may be rejected)."""
         raise NotImplementedError
 
     def over_bounces(self, bounces: Bounces, accumulator: Any) -> Flag | bool:

@@ -62,16 +62,16 @@ def steepest(tangential: Course, axial: Course, span: Span, accumulator: Force) 
     constant, h = jax.lax.stop_gradient, span.h
 
     def end(k: int) -> tuple[Value, Value]:
-        """Return T and N at the event or breakpoint at an end of the step, or at the nearest extremum of the
-        angle if it is at this end up to rounding."""
+        """Return T and N at the event or breakpoint at the start (`k` = 0) or the end (`k` = 1) of the step.
+        If the angle has an extremum within rounding of this time, return T and N at the extremum."""
         jets = []
         for course in (tangential, axial):
             value, rate = course[1 + k]
             mean = safe_ratio(course.end[1] - course.start[1], h, h > 0)
             at_end = safe_ratio(course.path.curvature(jnp.full_like(h, float(k))), h * h, h > 0)
             jets.append((value, rate, jnp.where(span.long, at_end, mean)))
-        # The angle has its extremum where T·N_0 − T_0·N has one, with the values T_0 and N_0 at this end. An
-        # error of its time hardly changes the angle, but its derivative.
+        # The angle has its extremum where T·N_0 − T_0·N has one, with the values T_0 and N_0 at this end. A
+        # small error in the time of the extremum hardly changes the angle, but it does change its derivative.
         (t, *t_jet), (n, *n_jet) = constant(jets)
         rate, curvature = (a * n - t * b for a, b in zip(t_jet, n_jet, strict=True))
         to_extremum = -safe_ratio(rate, curvature, curvature != 0)
@@ -102,7 +102,7 @@ def steepest(tangential: Course, axial: Course, span: Span, accumulator: Force) 
     found = force_at(z, fixed)
     refined, is_refined = _interior_maximum(*fixed, found)
     z = barrier(jnp.where(exists & is_refined & found.is_steeper(reference), refined, z))
-    # Where T changes its sign, the found force may be on the other side, with a smaller angle than expected.
+    # If T changes its sign, the force found may have the other sign, and a smaller angle than expected.
     found = force_at(z, paths)
     found = found._replace(size=jnp.abs(found.size))
     left, right = found.size * reference.axial, reference.size * found.axial
@@ -115,7 +115,8 @@ def steepest(tangential: Course, axial: Course, span: Span, accumulator: Force) 
 
 @dataclasses.dataclass(frozen=True)
 class PeakFriction(AbstractJointOutput):
-    """The largest friction demand max|T|/N at the bottom and the top joint of the worst column, (F9), (F11).
+    """The largest friction demand max|T|/N at the bottom and the top joint, over time and over all columns,
+    (F9), (F11).
 
     The accumulator (the value so far) is the force with the largest angle from the vertical. Unlike |T|/N,
     the angle is smooth at N = 0.
@@ -179,8 +180,8 @@ class PeakFriction(AbstractJointOutput):
 
 @dataclasses.dataclass(frozen=True)
 class FrictionUse(AbstractJointOutput):
-    """The largest use of friction 1 − (μN − |T|)/(μN_0) at a joint [–], with the dead load N_0 of the mean
-    column. At a use above 1, the joint would slide. The answer is 0 at a joint without dead load. Design
+    """The largest use of friction 1 − (μN − |T|)/(μN_0) at a joint [–]. N_0 is the dead load, averaged over
+    the columns. At a use above 1, the joint would slide. The answer is 0 at a joint without dead load. Design
     targets use this output because it is smooth where a joint would open, unlike |T|/N.
 
     The accumulator contains the largest |T| − μN of each joint [m/s²].

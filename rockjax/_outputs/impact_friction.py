@@ -44,7 +44,7 @@ def _impulse_gradient(c: Coefficients, sway: Value | float) -> Value:
 @dataclasses.dataclass(frozen=True)
 class ImpactFriction(AbstractJointOutput, AbstractEventOutput):
     """The largest friction demand max|J_T|/J_N at impacts, and the least J_N divided by the mean J_N of all
-    columns, at the bottom and the top joint of the worst column, (F12), (F14).
+    columns, at the bottom and the top joint, over all impacts and all columns, (F12), (F14).
 
     The axial impulse of a column at x_i differs from the mean by x_i times `_impulse_gradient`; at impacts
     from σ = −1 the difference has the opposite sign. All answers are monotone in this difference. The

@@ -74,7 +74,8 @@ class JointBounds:
 
     - `c`: constants of the podium
     - `ground`, `vertical`: bounds on |ü_g| and |v̈_g| [m/s²]
-    - `eccentricity`: bound on the eccentricity |χ| of the resultants, 1 while the columns rock [–]
+    - `eccentricity`: bound on |χ|, the distance of the resultants from the centre line of a column divided by
+      half its width; 1 while the columns rock [–]
     - `rotation`: bounds on the rotation
     - `bounds`: bounds on the motion, for the modes; None for a rigid podium
     """

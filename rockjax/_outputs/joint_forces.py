@@ -3,7 +3,7 @@ and docs/forces.md.
 
 A force (T, N) acts at a joint on the body above the joint: T horizontally in the direction of motion, N
 upwards, so that N > 0 is compression. Forces are per column and divided by m_c [m/s²]. They follow from the
-motion and do not affect it.
+motion and do not affect it. The forces of the mean column are the means of the forces of all columns.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Base classes of outputs at the joints, and forces of the end columns.
 
 T is the horizontal and N the vertical force in a joint, compression positive. Forces are per column and
-divided by m_c [m/s²], as in `joint_forces`. The end columns are the first and the last; one of them is always
-the worst.
+divided by m_c [m/s²], as in `joint_forces`. The end columns are the first and the last. Forces and friction
+demands vary monotonically from column to column, so their extremes are always at one of these two.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ from .views import Bounces, Course, Ended, Moment, Rest, Step
 
 
 class Force(NamedTuple):
-    """Size |T| and axial part N of a force in a joint or of an impulse, or of the worst one so far."""
+    """Size |T| and axial part N of a force in a joint or of an impulse. As an accumulator: those of the worst
+    force or impulse of the scene so far."""
 
     size: Values
     axial: Values
@@ -58,8 +59,7 @@ class Force(NamedTuple):
 
 def end_offsets(c: Coefficients) -> tuple[Value, Value] | None:
     """Return the positions of the first and the last column relative to the mean of all columns [m]; None if
-    no elevation is given. Forces and friction are monotone from column to column, so one of these two is the
-    worst."""
+    no elevation is given."""
     arms = not_none(c.joints).arms
     return None if arms is None else (jnp.min(arms.offsets), jnp.max(arms.offsets))
 
@@ -68,10 +68,10 @@ T = TypeVar("T")
 
 
 class EndForces(NamedTuple, Generic[T]):
-    """Forces of the end columns, or of the mean column without an elevation [m/s²].
+    """Forces of the end columns; without an elevation, the means of all columns [m/s²].
 
-    - `tangential`, `axial`: T and N, for each joint a tuple of the columns
-    - `foundation`: V of the mean column
+    - `tangential`, `axial`: T and N, for each joint a tuple over the end columns, or with the mean alone
+    - `foundation`: the horizontal force V on the foundation, mean of the columns
     """
 
     tangential: tuple[tuple[T, ...], tuple[T, ...]]
@@ -88,7 +88,7 @@ class EndForces(NamedTuple, Generic[T]):
 
 def end_forces(moment: Moment) -> tuple[Value, ...]:
     """Return T of the end columns at the bottom joint, then at the top joint, then N in the same order, and
-    then V [m/s²]."""
+    then the horizontal force V on the foundation, mean of the columns [m/s²]."""
     c, sigma, _, ground, x, v, a = moment
     mean = barrier(mean_forces(c, sigma, ground, x, v, a))
     tangential, axial = column_forces(c, sigma, ground, x, v, a, end_offsets(c), mean)
@@ -102,9 +102,11 @@ def over_step(step: Step) -> EndForces[Course]:
 
 def over_rest(rest: Rest) -> list[EndForces[Value]]:
     """Return the forces at the least and the largest ground acceleration while a rigid podium is in full
-    contact. The extremes of N and V are among them, because N and V are linear in ü_g."""
+    contact. The extremes of N and of the horizontal force V on the foundation are among them, because N and V
+    are linear in ü_g."""
     c = rest.scene.c
-    assert not isinstance(rest.scene.excitation, GroundMotion)  # see `needs_simple_contact`
+    # `needs_simple_contact`: with vertical ground motion no rest is skipped, so this function is not called.
+    assert not isinstance(rest.scene.excitation, GroundMotion)
     zero = jnp.zeros_like(c.alpha)
     return [
         EndForces.from_row(end_forces(Moment(c, zero, zero, ground, (zero,), (zero,), (zero,))))
@@ -119,7 +121,8 @@ def all_of(flags: Iterable[Flag]) -> Flag:
 
 @dataclasses.dataclass(frozen=True)
 class AbstractForceOutput(AbstractOutput):
-    """An output that needs joint forces. It has an answer only if it is requested."""
+    """An output that needs joint forces. If it is not requested, the answers of a scene do not contain it,
+    whereas most other outputs are NaN there."""
 
     needs_flat = True
     of_joints = True
@@ -147,7 +150,7 @@ class AbstractForceOutput(AbstractOutput):
 
 @dataclasses.dataclass(frozen=True)
 class AbstractJointOutput(AbstractForceOutput):
-    """An output whose answer has one value for each joint, shape (2,), that of the worst column. The
+    """An output whose answer has one value for each joint, shape (2,): the worst of all columns. The
     accumulator is a tuple for the bottom and the top joint."""
 
     axis = JOINTS

@@ -65,8 +65,8 @@ class Margin(AbstractEventOutput):
 
 @dataclasses.dataclass(frozen=True)
 class TurningPoints(AbstractInternalOutput):
-    """The turning point of the rotation in the latest trial step. From this turning point, batches estimate
-    the distance to the overturning boundary."""
+    """The turning point of the rotation in the latest trial step (a step that may be rejected). From this
+    turning point, batches estimate the distance to the overturning boundary."""
 
     name = "turning_points"
 

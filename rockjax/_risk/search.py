@@ -9,7 +9,8 @@ still defined. The searches from all starts advance together:
    a linear G.
 2. Directions on the way from e to a, and somewhat beyond a, are evaluated, and the one with the least r is
    chosen.
-3. The search ends where e and a agree, or where no fraction gives a smaller r: at an edge, where G jumps.
+3. The search ends where e and a agree, or where none of these directions has a smaller r, even close to e.
+   The latter happens at an edge, where G jumps.
 """
 
 from __future__ import annotations
@@ -21,9 +22,12 @@ import numpy as np
 from .limit_state import AbstractLimitState
 
 MAX_BETA = 9.0  # largest distance of a design point from the origin; Φ(−9) is 1e-19
-START_FACTOR = 4.0  # length of the rays of starting directions, divided by √d, the typical |u|
+# Rays in starting directions are at least this many times √d long; √d is the typical |u|.
+START_FACTOR = 4.0
 RAY_POSITIONS = 24  # number of positions on a full ray
-PARTIAL_RAY_POSITIONS = 10  # number of positions on a ray up to the distance at which the direction e fails
+# Number of positions on the ray of a candidate direction. The ray ends at the distance at which the present
+# direction e fails.
+PARTIAL_RAY_POSITIONS = 10
 NARROWING_ROUNDS = 3  # number of rounds in which the interval of the first failure is narrowed
 PARTS = 8  # number of equal parts into which a round divides the interval
 # Evaluated fractions of the way to the normal, relative to the best fraction of the previous step. The best
@@ -135,10 +139,11 @@ def design_points(
     """Return local minima of |u| on the limit state.
 
     - `limit`: limit state; it must survive at u = 0
-    - `starts`: starting directions, shape (s, d); with a mirrored limit state only the first half is used
+    - `starts`: starting directions, shape (s, d); only the first half is used if the limit state is mirrored,
+      G(−u) = G(u)
     - `max_distance`: largest distance of a design point
     """
-    if limit.mirrored:  # the opposite of a design point is also a design point
+    if limit.mirrored:  # if u is a design point, −u is one too
         starts = starts[: (len(starts) + 1) // 2]
     e = _unit(np.asarray(starts, float))
     # In high dimensions a random direction fails only far beyond the distance of a design point.

@@ -69,7 +69,7 @@ class ShearBuilding(AbstractSuperstructure):
       the beam, and `peak_shear` and `peak_floor_acceleration` omit the impulses of this mass at impacts
     - `heights`: heights of the stories, > 0 [m], for forces in the joints, drift ratios and pictures; None if
       unknown
-    - `retained`: the same number as `modes`, for `dataclasses.replace`
+    - `retained`: the argument `modes` under the name of the field, for `dataclasses.replace`
 
     [`rockjax.ShearBuilding.modes`][] returns the retained modes. Peaks and histories include story drifts
     and floor accelerations. Raises `ValueError` for unequal lengths and for values outside these ranges;

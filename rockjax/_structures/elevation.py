@@ -52,8 +52,8 @@ class Elevation(Module):
     beam_depth: Number
     top_height: Any  # a scalar, or a row over modes or floors
     residual_height: Number
-    # Distance by which the top of a column of the model is higher than in reality [m], because taller columns
-    # with flat ends replace columns with round ends. None for flat ends.
+    # Distance by which the tops of the columns of the model are higher than in reality [m]: taller columns
+    # with flat ends replace columns with round ends. None if the real columns have flat ends.
     _raised: Number | None = None
 
     def __init__(

@@ -16,7 +16,7 @@ from rockjax._types import Array, Number
 
 from .superstructures import AbstractSuperstructure, Elastic, Oscillators
 
-ROUNDING = 1e-9  # fraction by which the sum of modal masses may exceed the total mass
+ROUNDING = 1e-9  # relative excess of the sum of modal masses over the total mass that counts as rounding
 
 # In structures that `split_rows` returns, a row is a tuple of its elements instead of an array.
 Row = Array

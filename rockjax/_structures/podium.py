@@ -74,9 +74,10 @@ class Podium(Module):
       velocity factor in [0, 1]
     - `g`: acceleration of gravity, > 0 [m/s²]
     - `restrainers`: [`rockjax.Tendon`][], [`rockjax.Damper`][] and [`rockjax.Inerter`][], which act in
-      parallel on every column; those with `joints=1` are in its bottom joint
+      parallel on every column. Each restrainer spans both joints of a column, from the ground to the beam,
+      or with `joints=1` only the bottom joint
     - `elevation`: an [`rockjax.Elevation`][] with positions of columns and heights of masses, for forces in
-      the joints of each column; None for forces of the mean column only
+      the joints of each column; None if only forces averaged over the columns (the "mean column") are needed
 
     Parameters may be arrays: a podium with arrays is a batch of podiums, for `jax.vmap` and
     `rockjax.peak_responses`. Raises `ValueError` for values outside these ranges; traced values are not
@@ -172,19 +173,21 @@ class Podium(Module):
         - `stories`: number of stories of a building with equal stories, total mass `top_mass` and longest
           period `period`
         - `story_masses`, `story_stiffnesses`: masses [kg] and stiffnesses [N/m] of the stories of any
-          building, from the bottom; they exclude `stories`, `top_mass` and `period`
+          building, from the bottom; cannot be combined with `stories`, `top_mass` or `period`
         - `story_heights`, `modes`: heights [m] and number of modes of a building, as in
           [`rockjax.ShearBuilding`][]
         - `positions`: positions of the columns along the motion [m], for forces in their joints; with
           `beam_depth`, `top_height` and `residual_height` [m] as in [`rockjax.Elevation`][]
-        - `end_radius`: radius r_c of arcs that continue both flat faces of width 2B of a column, 0 ≤ r_c < H
-          [m]; cannot be combined with tendons, dampers and inerters
+        - `end_radius`: radius r_c of round ends, 0 ≤ r_c < H [m]: the flat face (width 2B) at each end of a
+          column lies between two arcs of this radius, which join it tangentially; cannot be combined with
+          tendons, dampers and inerters
 
         With round ends the result is an approximately equivalent podium with flat ends and the same α, (R5).
-        Its `R`, `width` and `height` are multiplied by H/(H − r_c), its rotations by (H − r_c)/H. For tan α =
-        0.15 and r_c = H/2, peaks of u_b up to half of u_b at overturning are up to 0.65 % too small, and
-        overturning amplitudes 1.3 % too large; for r_c = 0.8 H these errors are 3.4 % and 15 %. The section
-        "Round column ends" on the page on forces in the joints explains them.
+        Compared with the real columns, its `R`, `width` and `height` are larger by the factor H/(H − r_c),
+        and its rotations are smaller by the factor (H − r_c)/H. For tan α = 0.15 and r_c = H/2, the peak
+        displacement u_b of the beam is at most 0.65 % too small, as long as it is below half of the
+        displacement at overturning. Overturning amplitudes are 1.3 % too large. For r_c = 0.8 H these errors
+        are 3.4 % and 15 %. The section "Round column ends" on the page on forces in the joints explains them.
 
         Tendons, dampers and inerters act between the ground and the beam. A device is omitted if its
         parameters, not counting the exponent, are the Python number 0.
@@ -257,12 +260,13 @@ class Podium(Module):
 
     @property
     def vibrates(self) -> bool:
-        """True if the superstructure vibrates (static)."""
+        """True if the superstructure is elastic; a Python bool, known when JAX compiles."""
         return self.superstructure is not None and self.superstructure.elastic
 
     @property
     def mass_ratios(self) -> tuple[Number, Number]:
-        """Ratios of the mass that moves with the beam, and of the vibrating mass [–]."""
+        """Masses divided by N m_c [–]: of the beam with everything that moves with it, and of the vibrating
+        part of the superstructure."""
         superstructure = self.superstructure
         oscillators = None if superstructure is None else superstructure.oscillators
         if superstructure is None or oscillators is None:
@@ -337,8 +341,8 @@ class Podium(Module):
 
     @property
     def dead_load(self) -> Number:
-        """Axial force N/(m_c g) of the mean column at rest, at the bottom and the top joint along the last
-        axis [–], (F3)."""
+        """Axial force N/(m_c g) at rest, averaged over the columns, at the bottom and the top joint along the
+        last axis [–], (F3)."""
         both_joints, bottom_joint = devices_by_joints(self.restrainers)
         carried = self.gamma + self.eta
         top = carried + prestress(both_joints, carried)
@@ -358,8 +362,9 @@ class Podium(Module):
 
     @property
     def impact_friction(self) -> Number:
-        """Friction demand |J_T|/J_N of an impact at the bottom and the top joint of the mean column, along
-        the last axis [–], (F12). It is 0 at the top joint of a solitary block."""
+        """Friction demand |J_T|/J_N of an impact at the bottom and the top joint, along the last axis [–],
+        (F12). J_T and J_N are the horizontal and the axial impulse, averaged over the columns. The demand is
+        0 at the top joint of a solitary block."""
         gamma, eta = self.mass_ratios
         geometry = 2 * self.R, jnp.sin(self.alpha), jnp.cos(self.alpha)
         mean_column = impulses(*geometry, gamma, eta, self.inertances, self._impact_factor)
@@ -584,7 +589,10 @@ def _with_round_ends(
     elevation: Elevation | None,
 ) -> tuple[Number, Elevation | None]:
     """Return R and the elevation of the podium with flat ends that is equivalent to a podium with round ends,
-    (R5). All masses keep their height above the middle of the columns.
+    (R5).
+
+    The equivalent columns are taller. `_raised` is the distance by which their tops are too high; `Elevation`
+    subtracts it, so that all masses keep their height above mid-height of the columns.
 
     - `owner`: name for error messages
     - `radius`: radius of the round ends [m]

@@ -1,8 +1,9 @@
 """Superstructures on the podium: the base class, `Rigid`, `Elastic`, and `Oscillators` for the engine.
 
 For the engine a superstructure consists of oscillators in parallel on the beam, and of a mass that moves with
-the beam. Properties marked as static are known before tracing, and determine which program is compiled.
-docs/equations.md states where equations with a letter, such as (C15), are.
+the beam. The number of oscillators, Python bools, and whether a property is None are known when JAX compiles,
+and determine which program is compiled. docs/equations.md states where equations with a letter, such as
+(C15), are.
 """
 
 from __future__ import annotations
@@ -31,12 +32,12 @@ class AbstractSuperstructure(Module):
     @property
     @abc.abstractmethod
     def oscillators(self) -> Elastic | Oscillators | None:
-        """The oscillators; None if nothing vibrates. The number of oscillators is static."""
+        """The oscillators; None if nothing vibrates."""
 
     @property
     @abc.abstractmethod
     def carried(self) -> Number | None:
-        """Mass ratio of the part that moves with the beam [–]; None (static) if there is no such part."""
+        """Mass ratio of the part that moves with the beam [–]; None if there is no such part."""
 
     @property
     @abc.abstractmethod
@@ -45,7 +46,7 @@ class AbstractSuperstructure(Module):
 
     @property
     def elastic(self) -> bool:
-        """True if the superstructure vibrates (static)."""
+        """True if the superstructure is elastic; a Python bool, known when JAX compiles."""
         return True
 
     @property
@@ -56,7 +57,7 @@ class AbstractSuperstructure(Module):
 
     @property
     def has_mode_axis(self) -> bool:
-        """True if displacements and deformations have an axis of modes (static)."""
+        """True if displacements and deformations have an axis of modes; a Python bool."""
         return False
 
     @property
@@ -76,7 +77,7 @@ class AbstractSuperstructure(Module):
     @property
     def story_weights(self) -> Array | None:
         """Weights of the modes in the motion of the stories, (L2), shape (stories, modes); None if there are
-        no stories. In each story, 1 minus the sum of the weights belongs to the motion of the beam."""
+        no stories. The weight of the motion of the beam is 1 minus the sum of the weights of the modes."""
         return self.floors
 
     @property
@@ -97,8 +98,9 @@ class AbstractSuperstructure(Module):
         """Return the first moments η_i h_i of the oscillators (None if nothing vibrates) and η_r h_r of the
         mass that moves with the beam (None if there is no such mass), (F7) [m].
 
-        - `heights`: heights above the tops of the columns [m], a scalar or `height_count` along the last axis
-        - `residual_height`: height above the tops of the columns of the mass that is in no mode [m]
+        - `heights`: heights of the modes or floors above the tops of the columns [m]: a scalar, or
+          `height_count` values along the last axis
+        - `residual_height`: height of the mass that is in no mode, above the tops of the columns [m]
         """
         oscillators, carried = self.oscillators, self.carried
         if oscillators is None:
@@ -267,8 +269,8 @@ def eigh(matrix: Array) -> tuple[Array, Array]:
 def uplifted_squares(
     oscillators: Elastic | Oscillators, inertia: Number, stiffness: Number, cos_alpha: Number
 ) -> Number:
-    """Return the squares x of the n+1 circular frequencies on lifted columns, ascending along the last axis
-    [rad²/s²].
+    """Return the squares x of the n+1 circular frequencies of a podium with lifted columns, ascending along
+    the last axis [rad²/s²].
 
     - `oscillators`: the n oscillators
     - `inertia`, `stiffness`: Λ [–] and k [1/s²] of (C15)

@@ -1,4 +1,4 @@
-"""Fast-forwards: parts of a scene that are skipped without trial steps.
+"""Fast-forwards: parts of a scene that are skipped without trial steps (steps that may be rejected).
 
 Each module contains one fast-forward. It calls a method of every output in the plan: `over_rest` returns the
 accumulator of the output (its value so far) after the skipped part; `over_sample` and `over_bounces` return
@@ -7,7 +7,7 @@ whether the accumulator stays the same. A fast-forward may be used only if every
 | name | module | skipped part |
 |---|---|---|
 | `rest` | `rest.py` | full contact of a rigid podium, until its next uplift |
-| `samples` | `samples.py` | samples of the ground motion between which rigid columns rock on |
+| `samples` | `samples.py` | sampling intervals of the ground motion in which rigid columns rock on |
 | `bounces` | `bounces.py` | bounces of rigid columns that end at rest |
 """
 

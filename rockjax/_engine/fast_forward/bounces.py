@@ -48,10 +48,10 @@ def skipped_bounces(
     - `now`: time [s], piece of the excitation and ground acceleration [m/s²] at the impact
     - `hit`: True if the step ends with an impact
     - `speed`: |θ̇| before the impact [rad/s]
-    - `replayed`: recorded decision to follow, or None
+    - `replayed`: recorded decision of an accepted step to repeat; None if the step is decided here
 
-    Bounces are not skipped if the superstructure is elastic, restrainers act, an output needs every
-    impact, or the excitation has no bound over a time interval.
+    Bounces are skipped only for rigid podiums without restrainers, if no output needs every impact and the
+    excitation is bounded over a time interval.
     """
     if replayed is not None:  # the recorded contact mode shows whether bounces were skipped
         return Skipped(hit & (replayed.mode == 0), jnp.zeros_like(state.impacts), speed)

@@ -28,6 +28,7 @@ def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopS
     lifts_at = constant(scene.lookahead.next_exceedance(t, state.piece))
     end = constant(scene.end)
     lifts = lifts_at < end
+    # `stamp` is the time of the uplift without derivatives; `now` below is the same time with derivatives.
     stamp = jnp.where(lifts, lifts_at, jnp.where(jnp.isinf(lifts_at), t, end))
     piece = jnp.where(lifts, excitation.locate(stamp), state.piece)
 

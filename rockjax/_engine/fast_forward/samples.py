@@ -1,9 +1,13 @@
-"""Fast-forward from one sample of the ground motion to the next without a trial.
+"""Fast-forward from one sample of the ground motion to the next without a trial step.
 
-Under sampled ground motions, steps end on every sample and are far shorter than the tolerance requires.
-Between most samples rigid columns rock on, and no event occurs. A Nyström step without a search for events
-replaces the trial under three conditions. The error of the step is small enough. The rotation is monotone,
-does not change its sign and stays below the overturning angle. No output changes between the samples.
+A trial step is a step that may be rejected, or shortened to end on an event. Under sampled ground motions,
+trial steps end on every sample and are far shorter than the tolerance requires. Between most samples rigid
+columns rock on, and no event occurs. There a Nyström step without a search for events replaces the trial
+step, under three conditions:
+
+- the error of the step is small enough;
+- the rotation is monotone, does not change its sign and stays below the overturning angle;
+- no output changes between the samples.
 """
 
 from __future__ import annotations
@@ -34,13 +38,17 @@ def can_skip_samples(scene: Scene, plan: Plan) -> bool:
 
 
 def may_skip_after(scene: Scene, mode: Value, t: Value) -> Flag:
-    """Return whether samples may be skipped after an accepted step that ends in a contact mode at the time t
-    [s]."""
+    """Return whether samples may be skipped after an accepted step: only while the columns rock, and only
+    between the start of the scene and the end of the ground motion.
+
+    - `mode`: contact mode at the end of the step, 0 in full contact and ±1 while rocking
+    - `t`: time of the end of the step [s]
+    """
     return (mode != 0) & (t >= jax.lax.stop_gradient(scene.start)) & (t < scene.excitation_end)
 
 
 def skip_samples(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
-    """Return the state at the first sample after which a trial is needed. Batches call `skip_sample`
+    """Return the state at the first sample after which a trial step is needed. Batches call `skip_sample`
     instead."""
     if state.may_skip is None:
         return state
@@ -49,7 +57,7 @@ def skip_samples(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
 
 
 def skip_sample(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
-    """Advance to the next sample if `may_skip` is set and the step needs no trial; otherwise clear
+    """Advance to the next sample if `may_skip` is set and no trial step is needed; otherwise clear
     `may_skip`."""
     constant = jax.lax.stop_gradient
     record: AbstractSampled = scene.excitation  # pyright: ignore[reportAssignmentType]
@@ -66,7 +74,9 @@ def skip_sample(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
     )
     slope = barrier((ground_after - ground_before) / dt)
     ground = barrier(ground_before + slope * (state.t - record.sample_time(before)))
-    now = record.sample_time(piece)  # varies with the parameters; its fixed value is the stamp
+    # `now` depends on the parameters start and dt of the record and carries their derivatives; `stamp` is the
+    # same time without derivatives.
+    now = record.sample_time(piece)
     stamp = constant(now)
     h = stamp - state.t
     a = barrier(field(ground, state.x, state.v))

@@ -1,4 +1,5 @@
-"""Fields, types of keys and the base class of the tables of problem files."""
+"""Tools for the models of problem files: functions that define keys, types of their values, and the base
+class of all tables."""
 
 from __future__ import annotations
 
