@@ -53,7 +53,6 @@ class ImpactFriction(AbstractJointOutput, AbstractEventOutput):
     """
 
     name = "impact_friction"
-    estimated = False
     needs_simple_contact = False
 
     @property
