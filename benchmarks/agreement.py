@@ -21,6 +21,9 @@ A difference that exceeds the limits gets one of these names:
 - unsettled: central differences do not settle without such an impact, because another peak is close
 - converges: the error of a derivative is below 100 times the limit, and below the limit at all smaller
   tolerances
+- slow: a damper has an exponent ν < 1, so that the slope of its force is nearly infinite at rest. The error
+  of a derivative is below 1000 times the limit, decreases from each tolerance to the next, and is below the
+  limit at the last
 - FAULT: none of these
 """
 
@@ -395,6 +398,9 @@ def compare(
     slope_limit = RELATIVE * (np.abs(differences.values) + np.abs(reference)[..., None]) + ABSOLUTE
     slopes = {rtol: columns(y.sensitivities, outputs, count, last=1) for rtol, y in peaks.items()}
     errors = {rtol: np.abs(y - differences.values) for rtol, y in slopes.items()}
+    ordered = np.stack([errors[rtol] for rtol in TOLERANCES])
+    is_slow = np.all(np.diff(ordered, axis=0) < 0, axis=0) & (ordered[-1] <= slope_limit)
+    is_slow &= kind.devices == "power"
     for rtol, peak in peaks.items():
         judge(f"{rtol:g}", rtol, finite_columns(peak, outputs, count))
         wrong = ~(errors[rtol] <= slope_limit) & answered[:, None]
@@ -403,7 +409,9 @@ def compare(
             tighter = [errors[other] <= slope_limit for other in TOLERANCES if other < rtol]
             converges = (errors[rtol] <= 100 * slope_limit) & np.all(tighter, axis=0) & (len(tighter) > 0)
             flagged = np.broadcast_to(flags(outputs, batch, rtol, limit)[..., None], wrong.shape)
-            masks = {"tie": on_side[0] | on_side[1], "flagged": flagged, **unsettled, "converges": converges}
+            slow = is_slow & (errors[rtol] <= 1000 * slope_limit)
+            masks = {"tie": on_side[0] | on_side[1], "flagged": flagged, **unsettled}
+            masks |= {"converges": converges, "slow": slow}
             add(names, f"{rtol:g}", slopes[rtol], differences.values, wrong, masks)
     if with_ways:
         for route, rtol, requested, method in (
