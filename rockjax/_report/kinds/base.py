@@ -238,6 +238,12 @@ def with_texts(
     return Values(values, np.asarray(errors, float), tuple(texts), tuple(locations), tuple(unanswered), names)
 
 
+def errors_of(data: Any, variable: str) -> np.ndarray:
+    """Return the estimated errors of a variable, in its shape; NaN if the scenes have none."""
+    name = f"{variable}_error"
+    return np.asarray(data[name], float) if name in data else np.full(data[variable].shape, np.nan)
+
+
 def unanswered_scenes(data: Any) -> list[str]:
     """Return the reason why each scene has no result, such as "undecided"; "" for scenes with a result."""
     undecided = np.asarray(data["undecided"], bool) if "undecided" in data else np.zeros(data.sizes["motion"])

@@ -23,7 +23,7 @@ from rockjax._responses.simulate import peak_response
 from rockjax._structures import Podium
 from rockjax._types import Value
 
-from .base import Kind, Values, with_texts
+from .base import Kind, Values, errors_of, with_texts
 
 if TYPE_CHECKING:
     import xarray
@@ -74,9 +74,7 @@ class FloorKind(Kind):
         peaks = np.array(data[self.variable].values, float)
         peaks[self._overturned(data)] = np.inf
         worst, rows = np.argmax(peaks, axis=-1), np.arange(len(peaks))
-        errors = np.full(len(peaks), np.nan)
-        if f"{self.variable}_error" in data:
-            errors = data[f"{self.variable}_error"].values[rows, worst]
+        errors = errors_of(data, self.variable)[rows, worst]
         locations = [names[k] for k in worst]
         result = with_texts(scenes, entry, data, peaks[rows, worst], errors, locations, False)
         texts, unanswered = list(result.texts), list(result.unanswered)

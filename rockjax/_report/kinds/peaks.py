@@ -20,7 +20,7 @@ from rockjax._report.units import kind_of_unit
 from rockjax._structures import Podium
 from rockjax._types import Value
 
-from .base import Kind, Values, with_texts
+from .base import Kind, Values, errors_of, with_texts
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,9 +67,7 @@ class PeakKind(Kind):
         podium, axis = scenes.podium(law, variation), VARIABLES[self.variable][0].axis
         raw = np.asarray(data[self.variable], float)
         all_values = np.asarray(self.to_values(raw, problem, podium))
-        name = f"{self.variable}_error"
-        error = np.asarray(data[name], float) if name in data else np.full_like(raw, np.nan)
-        shifted = np.asarray(self.to_values(raw + error, problem, podium))
+        shifted = np.asarray(self.to_values(raw + errors_of(data, self.variable), problem, podium))
         with np.errstate(invalid="ignore"):
             error = np.abs(shifted - all_values)
         factors = scenes.factors(variation)
@@ -118,9 +116,7 @@ class NoOverturning(Kind):
         data = scenes.peaks(str(entry.motions), law, variation)
         ratio = float(scenes.problem.options.overturn_ratio)
         values = np.asarray(data["peak_rotation"], float) / ratio
-        errors = values * np.nan
-        if "peak_rotation_error" in data:
-            errors = np.asarray(data["peak_rotation_error"], float) / ratio
+        errors = errors_of(data, "peak_rotation") / ratio
         return with_texts(scenes, entry, data, values, errors, [""] * len(values), False)
 
 
