@@ -123,10 +123,10 @@ ax.grid(alpha=0.3)
 # %% [markdown]
 # ## How accurate is a result?
 #
-# With `"errors"` each scene is solved a second time with a smaller tolerance, and the difference is an
-# estimate of the error. A scene is `undecided` if it is so close to a boundary that the error could change
-# the outcome. The following example has a very large tolerance and amplitudes among the fifteen boundaries at
-# $\omega_p/p=2$:
+# With `"errors"` each scene is solved a second time with another tolerance, and the difference is an estimate
+# of the error. A scene is `undecided` if it is so close to a boundary that an error of ten times the estimate
+# could change the outcome, or if the two solutions diverge. The following example has a very large tolerance
+# and amplitudes among the fifteen boundaries at $\omega_p/p=2$:
 
 # %%
 n = 20 if REDUCED else 100

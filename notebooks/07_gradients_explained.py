@@ -193,8 +193,8 @@ print(f"just above:  peak {value:.6f} α, derivative {slope_of_peak:12.2f} per r
 #
 # ## Points without a derivative
 #
-# The picture shows the peak rotation over the amplitude, and its derivative with respect to $\alpha$. The
-# peak has a kink or a jump at amplitudes at which another maximum becomes the largest. Close to a grazing
+# The picture shows the peak rotation over the amplitude, and its derivative with respect to $\alpha$. Where
+# another maximum becomes the largest, the peak has a kink and its derivative jumps. Close to a grazing
 # impact, an impact at almost no speed, the derivative is large and valid only in a small neighbourhood. It
 # also grows towards each overturning boundary; where the columns overturn, the curves have gaps.
 
