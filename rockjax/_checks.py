@@ -1,8 +1,8 @@
 """Checks of arguments and their conversion to arrays.
 
 Only concrete values (numbers, not JAX tracers) are checked. Values that `jax.jit`, `jax.vmap` or `jax.grad`
-traces cannot be checked; invalid ones are reported by the `result` of the scene. All messages begin with
-`owner`, a class or function.
+traces cannot be checked; a scene reports only some invalid ones, such as NaN, by its `result`. Messages begin
+with the class or function (`owner`), or with the argument (`label`, `name`).
 """
 
 import functools
@@ -27,9 +27,9 @@ _FLOAT64, _FLOAT32 = np.dtype(np.float64), np.dtype(np.float32)
 def as_float(x, label: str = "the value") -> Array:
     """Return `x` as an array of the default floating-point type, see `float_type`.
 
-    A scalar becomes a read-only NumPy array, because the first JAX array of a process starts threads, and
-    then the process cannot be forked. Raises `ValueError`, whose message begins with `label`, for anything
-    but numbers, and for gaps (missing values).
+    A Python or NumPy scalar becomes a read-only NumPy array, because the first JAX array of a process starts
+    threads, and then the process cannot be forked. Raises `ValueError`, whose message begins with `label`,
+    for anything but numbers, and for gaps (missing values).
     """
     if isinstance(x, jax.Array) and x.dtype == float_type() and not x.weak_type:  # pyright: ignore[reportAttributeAccessIssue]
         return x
@@ -68,7 +68,7 @@ def as_array(x) -> Array:
 
 def refuse_gaps(name: str, x) -> None:
     """Raise `ValueError`, which names the first gap, if `x` has missing values: masked values, None in a
-    list, or anything but numbers (None, NA) in an array of objects."""
+    list, or elements that are not numbers (None, NA) in an array of objects."""
     if isinstance(x, np.ma.MaskedArray):
         gaps = np.ma.getmaskarray(x)
     elif isinstance(x, np.ndarray) and x.dtype.kind == "O":
@@ -95,9 +95,9 @@ def refuse_sentinels(name: str, samples: np.ndarray) -> None:
     """Raise `ValueError`, which names the gap, if samples contain a value that stands for missing samples,
     such as -999.
 
-    One of the `_SENTINELS` counts as such a value if it is more than three times as large as all other
-    samples. It also counts if it fills at least three successive samples, and at the start or end of one of
-    its runs the samples jump by more than half its absolute value.
+    One of the `_SENTINELS`, with either sign, counts as such a value if its absolute value is more than three
+    times as large as those of all other samples. It also counts if it fills at least three successive
+    samples, and the samples jump by more than half its absolute value where it begins or ends.
     """
     sizes = np.abs(samples)
     if not sizes.size or sizes.max() < _SENTINELS[0] - 1:
@@ -196,7 +196,7 @@ def product(a, b) -> Any:
 
 
 def require(owner: str, name: str, x, ok: Callable[[np.ndarray], np.ndarray], accepted: str) -> None:
-    """Raise `ValueError`, with argument and value, unless every number in `x` is finite and accepted.
+    """Raise `ValueError`, which names a rejected value, unless every number in `x` is finite and accepted.
 
     - `owner`, `name`: class or function, and its argument, for the message
     - `x`: number or array; traced values pass

@@ -21,7 +21,7 @@ from rockjax._checks import array_module
 MIN_DISPERSION = 1e-4  # capacities with a smaller dispersion have no fit
 # Counts with a larger dispersion have no fit: the 84 % fractile would be e⁶ = 400 times the 16 % fractile.
 MAX_DISPERSION = 3.0
-MIN_RISE = 1e-9  # if the share of events increases with the level by less, the increase may be rounding
+MIN_RISE = 1e-9  # a smaller increase of the share of events with the level may be rounding
 
 
 class Lognormal(NamedTuple):
@@ -46,13 +46,13 @@ def fit_capacities(
     """Fit a lognormal distribution to capacities, some of which may be censored: only a lower bound is known.
 
     - `capacity`: capacities, shape (n,); inf for censored ones
-    - `limit`: lower bounds of the censored capacities, shape (n,)
+    - `limit`: lower bounds of the censored capacities, shape (n,); other elements are ignored
     - `weights`: weight of each capacity, shape (n,); None for equal weights
 
     Without censored capacities, ln(median) is the mean of the logarithms, and the dispersion their standard
-    deviation with the divisor n. The result is NaN if fewer than two capacities are observed, or if the
-    dispersion of the observed ones is at most `MIN_DISPERSION`. The function works under `jit`, `vmap` and
-    `grad` with respect to `capacity`.
+    deviation with the divisor n. The result is NaN if fewer than two capacities are observed (not censored),
+    or if the dispersion of the observed ones is at most `MIN_DISPERSION`. The function works under `jit`,
+    `vmap` and `grad` with respect to `capacity`.
     """
     is_observed = jnp.isfinite(capacity)
     weight = jnp.ones_like(capacity) if weights is None else weights
@@ -78,8 +78,8 @@ def fit_counts(x: Float[Array, " m"], events: Float[Array, " m"], trials: Float[
     binomial likelihood of a probit curve in ln x.
 
     - `x`: levels, > 0, ascending, shape (m,)
-    - `events`: numbers of motions at the levels that cause the event, shape (m,)
-    - `trials`: numbers of all motions at the levels, shape (m,)
+    - `events`: number of motions that cause the event, at each level, shape (m,)
+    - `trials`: number of all motions at each level, shape (m,)
 
     The result is NaN if the likelihood has no maximum. This is the case if all motions or none cause the
     event, if no motion that causes the event is at a lower level than one that does not, or if the share of
@@ -117,7 +117,7 @@ def _lognormal_where(
 
 
 def _minimise(misfit, start, data, has_fit: Bool[Array, ""]) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
-    """Return the point at which the gradient of a misfit is zero, and whether the search has found one.
+    """Return the point at which the gradient of a misfit is zero, and whether the search has found it.
 
     - `misfit`: (y, data) ↦ misfit, for the parameters y of a distribution
     - `start`: initial y

@@ -40,11 +40,11 @@ class Options(Module):
       units: α for θ, pα for θ̇, u = min(2R sin α, g tan α/ω_s²) for u_t and u·max(p, ω_s) for u̇_t
     - `method`: `"dopri8"` (usually the fastest), `"tsit5"`, `"dopri5"`, `"bosh3"`, or a Diffrax solver.
       The flat engine accepts explicit Runge–Kutta methods with an error estimate, the segments engine any
-      solver (also `"kvaerno5"`). With `"dopri8"`, rigid podiums without restrainers, whose accelerations
-      do not depend on velocities, use the Nyström method RKN8(6)9FM of the same order
+      solver (also `"kvaerno5"`). For `"dopri8"`, the flat engine uses the Nyström method RKN8(6)9FM of the
+      same order if accelerations do not depend on velocities: for rigid podiums without restrainers
     - `engine`: `"flat"`, one loop over the trial steps of a scene; or, for cross-checks, `"segments"`, one
       `diffrax.diffeqsolve` from each event to the next
-    - `overturn_ratio`: |θ|/α at which a scene counts as overturned. The angle must not exceed π/2 or,
+    - `overturn_ratio`: |θ|/α at which a scene counts as overturned. This angle |θ| must not exceed π/2 or,
       with the output `"margin"`, [`rockjax.Podium.stability_angle`][]
     - `rest_velocity`: an impact that leaves |θ̇| ≤ `rest_velocity`·pα brings the columns to rest [–];
       by default equal to `rtol`
@@ -61,7 +61,8 @@ class Options(Module):
     - `throw`: True to raise an error if a scene does not finish (such as `out_of_steps` or `not_finite`)
       and no value is traced by JAX
 
-    Raises `ValueError` for tolerances below rounding, unknown methods, engines or outputs.
+    Raises `ValueError` for values out of range, such as tolerances below rounding or above 0.1, for unknown
+    methods, engines or outputs, and for engines, methods and outputs that cannot be combined.
     """
 
     rtol: float = 1e-8
@@ -104,8 +105,8 @@ class Options(Module):
         for output in user_outputs:
             if output.name in OUTPUTS or not output.name.isidentifier():
                 raise ValueError(
-                    f"Options: the name of a user-defined output must be a Python identifier that no other "
-                    f"output has, got {output.name!r}"
+                    f"Options: the name of a user-defined output must be a Python identifier, and not the "
+                    f"name of a built-in output, got {output.name!r}"
                 )
         for output in self.requested:
             if output.needs_flat and self.engine != "flat":
@@ -159,8 +160,8 @@ class Options(Module):
 def canonical_options(podium: Podium, options: Options) -> Options:
     """Return the canonical form of options. Requests with equal canonical options share a compiled program.
 
-    `history` and `throw` have their defaults, outputs are in the order of the registry, and outputs that do
-    not apply to the podium are removed, unless none would remain.
+    `history` and `throw` have their defaults. Outputs are in the order of the registry, user-defined ones
+    last. Outputs that do not apply to the podium are removed, unless none would remain.
     """
     parameters, treedef = jax.tree.flatten(options)
     applicable = frozenset(name for name, output in REGISTRY.items() if output.applies(podium))

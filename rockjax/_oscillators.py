@@ -36,7 +36,7 @@ FEW_LANES = 16  # groups are padded to this number of oscillators times a power 
 PIECES_PER_BLOCK = 8  # number of pieces in a block; only states at the starts of blocks are stored
 BLOCKS_PER_CALL = 32  # number of blocks that one call of the compiled program solves
 PAIRS = 20_000  # largest number of pairs of a block and an oscillator that are searched together
-NEWTON_STEPS = 5  # iterations for a turning point, starting within a quarter of a piece
+NEWTON_STEPS = 5  # iterations for a turning point, from a start in the same quarter of a piece
 TIE_TOLERANCE = 1e-10  # relative difference below which peaks count as equal; the first peak is returned
 
 
@@ -51,11 +51,12 @@ class Load(NamedTuple):
     - `terms`: coefficients c_k of a = Σ c_k (τ/h)^k, with the time τ from the start of the piece, shape
       (n, m+1) [m/s²]
     - `kick`: velocity jump Δv at the start of each piece, shape (n,) [m/s]
-    - `shift`: velocity jump of the floor times `start_slope`, shape (n,)
-    - `start_slope`: derivative of the start of each piece with respect to the parameter, shape (n,)
+    - `shift`: velocity jump of the floor times `start_slope`, shape (n,) [m]
+    - `start_slope`: derivative of the start of each piece with respect to the parameter, shape (n,) [s]
 
-    For an acceleration, `shift` and `start_slope` are zero. For a derivative, z jumps by λ `shift` − `kick`
-    at the start of a piece, because this start moves with the parameter.
+    For an acceleration, `shift` and `start_slope` are zero. For a derivative, all units but those of `start`
+    and `length` are divided by the unit of the parameter, and z jumps by λ `shift` − `kick` at the start of a
+    piece, because this start moves with the parameter.
     """
 
     start: np.ndarray
@@ -78,19 +79,19 @@ class Load(NamedTuple):
         parent = np.repeat(np.arange(counts.size), counts)  # index of the old piece that contains a new piece
         first_new = np.cumsum(counts) - counts
         index_in_parent = np.arange(parent.size) - np.repeat(first_new, counts)
-        width = 1 / counts[parent]
-        offset, degree = index_in_parent * width, self.terms.shape[1] - 1
+        share = 1 / counts[parent]  # length of a new piece divided by the length of the old piece
+        offset, degree = index_in_parent * share, self.terms.shape[1] - 1
         terms = self.terms[parent]
         # Taylor expansion about the start of each new piece.
         terms = np.stack(
             [
-                width**k
+                share**k
                 * sum(math.comb(i, k) * terms[:, i] * offset ** (i - k) for i in range(k, degree + 1))
                 for k in range(degree + 1)
             ],
             axis=1,
         )
-        length = self.length[parent] * width
+        length = self.length[parent] * share
         is_first = index_in_parent == 0
         at_start = (np.where(is_first, y[parent], 0.0) for y in (self.kick, self.shift, self.start_slope))
         return type(self)(self.start[parent] + index_in_parent * length, length, terms, *at_start)
@@ -99,8 +100,8 @@ class Load(NamedTuple):
 class Peaks(NamedTuple):
     """Largest responses of N oscillators.
 
-    - `values`: S_d = max|x| [m] and the largest absolute acceleration S_a [m/s²], (L6), as far as requested,
-      shape (responses, N)
+    - `values`: S_d = max|x| [m] and the largest absolute acceleration S_a [m/s²], (L6), or only the requested
+      one, shape (responses, N)
     - `times`: times at which these values are first reached, shape (responses, N) [s]
     - `slopes`: derivatives of these values with respect to each parameter, shape (responses, parameters, N)
     - `later`: largest |x| of free vibration after the end of the load, shape (N,) [m]
@@ -128,7 +129,7 @@ def largest(
     - `period`, `damping`: T_e > 0 [s] and ζ in [0, 1) [–] of N oscillators, shape (N,)
     - `rests`: True if the floor stays at rest after the end of the load; free vibration then counts as well
     - `slopes`: derivatives of the load with respect to parameters, in the same pieces
-    - `responses`: the responses to return, in the order of `RESPONSES`
+    - `responses`: names of the responses to return; the result has them in the order of `RESPONSES`
     """
     order = np.argsort(period)
     groups: list[Peaks] = []
@@ -210,13 +211,14 @@ def _states(load: Load, pole: np.ndarray, factors: tuple[np.ndarray, ...]) -> _S
     """Return the states of oscillators that start from rest, and the sizes of responses with factors c."""
     count, lanes, rows = pole.size, common_size(pole.size, FEW_LANES, 4), PIECES_PER_BLOCK * BLOCKS_PER_CALL
     padding = -load.length.size % rows
-    parts = lambda y: np.pad(
+    # Compiled programs get complex numbers as pairs of real numbers, for a padded number of oscillators.
+    as_pairs = lambda y: np.pad(
         np.stack([np.real(y), np.imag(y)], axis=-2), [(0, 0)] * y.ndim + [(0, lanes - count)]
     )
     length, kick, shift = (np.pad(y, (0, padding)) for y in (load.length, load.kick, load.shift))
     series = _series(length, np.pad(load.terms, [(0, padding), (0, 0)]))
     powers = polynomial.polyvander(pole, SERIES_TERMS - 1).T
-    constants = parts(powers), parts(np.reshape(factors, (-1, count)))
+    constants = as_pairs(powers), as_pairs(np.reshape(factors, (-1, count)))
     state: Any = np.zeros((2, lanes))
     starts, sizes = [], []
     with precision(x64=True):
@@ -225,9 +227,9 @@ def _states(load: Load, pole: np.ndarray, factors: tuple[np.ndarray, ...]) -> _S
             state, *answers = _solve_blocks(state, series[:, part], kick[part], shift[part], *constants)
             starts.append(np.asarray(answers[0]))
             sizes.append(np.asarray(answers[1]))
-    joined = lambda y: y[..., 0, :count] + 1j * y[..., 1, :count]
+    as_complex = lambda y: y[..., 0, :count] + 1j * y[..., 1, :count]
     all_sizes = np.concatenate(sizes)[..., :count].swapaxes(0, 1)
-    return _States(joined(np.concatenate(starts)), joined(np.asarray(state)), all_sizes)
+    return _States(as_complex(np.concatenate(starts)), as_complex(np.asarray(state)), all_sizes)
 
 
 @StoredProgram
@@ -283,11 +285,12 @@ def _taylor(z: np.ndarray, pole: np.ndarray, length: np.ndarray, terms: np.ndarr
 def _series_of_block(
     load: Load, z: np.ndarray, pole: np.ndarray, block: np.ndarray
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Yield the first pieces of blocks, then the second pieces, and so on, each time as three arrays:
-    positions of the blocks that have such a piece, indices of the pieces, and the coefficients of z from
+    """Yield the first pieces of blocks, then the second pieces, and so on, each time as three arrays: indices
+    in `block` of the blocks that have such a piece, indices of the pieces, and the coefficients of z from
     `_taylor`.
 
-    - `z`, `pole`, `block`: z at the start of each block, before a velocity jump; λ; and the block; shape (k,)
+    - `z`, `pole`: z at the start of each block, before a velocity jump, and λ, shape (k,)
+    - `block`: indices of the blocks in the load, shape (k,)
     """
     index, z = np.arange(z.size), z.copy()
     for row in range(PIECES_PER_BLOCK):
@@ -311,7 +314,7 @@ def _series_in_piece(load: Load, states: _States, pole: np.ndarray, piece: np.nd
 
 def _turning_points(series: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the indices of pieces in which a response has a turning point, and the fraction τ/h of this
-    point. A quarter of a piece has a turning point if the rate has different signs at its ends.
+    point. A quarter of a piece has a turning point if the rate has different signs at the quarter's ends.
 
     - `series`: coefficients of powers of τ/h in each piece, shape (`SERIES_TERMS`, k)
     """
@@ -354,7 +357,8 @@ def _search(
     searched.
 
     - `load`, `oscillators`, `factor`: the load, N oscillators, and c of the response q = Re(c z)
-    - `states`, `sizes`: states of the oscillators, and largest |q| of blocks of states, shape (blocks, N)
+    - `states`: states of the oscillators
+    - `sizes`: largest |q| at the ends of the pieces of each block, shape (blocks, N)
     """
     best = sizes.max(axis=0)
     # In a piece with a turning point, |q| exceeds its values at the ends by at most h²/8 max|q̈|, and |q̇| ≤ h
@@ -413,8 +417,8 @@ def _delay(oscillators: _Oscillators, factor: Any, z: Any) -> Any:
 
 
 def _next_turn(oscillators: _Oscillators, factor: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return q at the next turning point in free vibration from the state z, which is the largest |q| from
-    then on, and the time until this point [s]."""
+    """Return q at the next turning point in free vibration from the state z, after which |q| is never larger,
+    and the time until this point [s]."""
     delay = _delay(oscillators, factor, z)
     return np.real(factor * z * np.exp(oscillators.pole * delay)), delay
 

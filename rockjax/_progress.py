@@ -17,7 +17,7 @@ TICK = 1.0  # time between updates of the elapsed time [s]
 def start_clock(progress_bar: Any) -> threading.Event:
     """Start a thread that redraws a bar every second, and return an event that ends the thread.
 
-    The thread also ends if the bar is deleted.
+    The thread also ends if the bar is deleted. A disabled bar gets no thread.
     """
     ended, bar_reference = threading.Event(), weakref.ref(progress_bar)
 
@@ -35,8 +35,8 @@ class Bar(tqdm):
     """A progress bar whose rate excludes the time before the first update, in which programs are compiled or
     loaded.
 
-    The elapsed time is redrawn every second, also while a program is compiled. At the end of a `with` block
-    without an exception, the bar is full, even if fewer than `total` units were needed.
+    The elapsed time is redrawn every second, also while a program is compiled. If a `with` block ends without
+    an exception after at least one update, the bar is full, even if fewer than `total` units were needed.
     """
 
     def __init__(self, **settings):
@@ -49,8 +49,8 @@ class Bar(tqdm):
         super().close()
 
     def display(self, *arguments: Any, **keywords: Any) -> Any:
-        """Display the bar. Before the first update, display the program that is being compiled and the
-        elapsed time."""
+        """Display the bar. If a program is being compiled before the first update, display this program and
+        the elapsed time instead."""
         program = None if self.n else current_compilation()
         self.bar_format = program and f"compiling {program} [{{elapsed}}]"
         return super().display(*arguments, **keywords)

@@ -28,7 +28,8 @@ class RESULTS(eqx.Enumeration):
         "infinities and extreme values."
     )
     history_full = (
-        "The history has more steps than Options.history; raise it (outside jit it grows automatically)."
+        "The history needs more steps than Options.history; raise this option (outside jit it grows "
+        "automatically)."
     )
     interrupted = "The computation was stopped before this scene had ended; resume it."
     chattering = (
@@ -87,7 +88,7 @@ def did_not_finish(code: Any) -> Any:
 
 
 def explain(code: int) -> str:
-    """Return the name of a result and its message, which includes the cure, by the code of the result."""
+    """Return the name and the message of the result with a code. Messages of failures name the cure."""
     return f"{NAMES[code]}: {RESULTS[getattr(RESULTS, NAMES[code])]}"
 
 
@@ -108,8 +109,8 @@ def explain_failures(codes) -> str:
 class Interrupted(KeyboardInterrupt):
     """Raised if Ctrl-C stops a computation.
 
-    - `partial`: the answer so far, in the form of the complete answer, or None. Unsolved scenes have the
-      result `interrupted`, and NaN in place of numbers
+    - `partial`: the incomplete answer, in the form of the complete one; None if there is no answer yet.
+      Unsolved scenes have the result `interrupted`, and NaN in place of numbers
     """
 
     def __init__(self, message: str, partial: Any):
@@ -140,7 +141,7 @@ class Stats(Module):
     """Statistics of a scene.
 
     - `steps`: number of accepted steps
-    - `rejected`: number of rejected trials, for accuracy or to land on an event
+    - `rejected`: number of trial steps that were rejected for accuracy or to land on an event
     - `end_time`: time at which the scene ended [s]
     """
 

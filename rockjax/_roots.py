@@ -18,7 +18,7 @@ MAX_ROUNDS = 64  # largest number of divisions of a bracket
 # `narrow_brackets` evaluates points on both sides of the root of the straight line through the ends. The
 # offset is their typical distance from this root, divided by the length of the bracket.
 FIRST_OFFSET = 0.02  # offset in the first round
-OFFSET_FACTOR = 3.0  # offset in later rounds, divided by the error of the previous root
+OFFSET_FACTOR = 3.0  # offset in later rounds, divided by the expected error of the root
 MAX_OFFSET = 0.03  # brackets with a larger offset are divided into equal parts
 
 
@@ -72,7 +72,7 @@ def points_near_root(at_a, at_b, even: int, offsets, xp: Any = np):
     """Return points inside n brackets from a to b, as ascending fractions of the bracket, shape (n, even +
     2k).
 
-    - `at_a`, `at_b`: values at the ends, of different signs, shape (n,)
+    - `at_a`, `at_b`: values at the ends a and b, one > 0 and the other ≤ 0, shape (n,)
     - `even`: number of equally spaced points, which narrow the bracket of any function
     - `offsets`: k distances of further points on both sides of the root of the straight line through the
       ends, as fractions of the bracket; they narrow brackets of smooth functions quickly
@@ -111,7 +111,7 @@ def narrow_brackets(
     - `evaluate`: (indices of brackets (m,), points (m, k)) ↦ (values, outputs), both of shape (m, k).
       A value NaN counts as > 0
     - `relative_width`: width to reach, divided by the larger absolute value of the two ends
-    - `lanes`: number of points that are evaluated together
+    - `lanes`: number of points that are evaluated together, in all brackets; at least two in each bracket
 
     Points on both sides of the root of the straight line through the ends are evaluated, at distances that
     follow from the error of the previous root. If these distances are large, for example because the function
@@ -127,6 +127,7 @@ def narrow_brackets(
         count, start, length = max(2, lanes // wide.size), a[wide], (b - a)[wide]
         pairs = max(1, 3 * count // 8)
         min_offset = 0.4 * relative_width * size[wide] / np.abs(length)
+        # Each pair of points is ten times as far from the root as the pair before it.
         offsets = offset[wide, None] * 10.0 ** (np.arange(pairs) - pairs // 2)
         fractions = points_near_root(
             at_a[wide], at_b[wide], count - 2 * pairs, np.maximum(offsets, min_offset[:, None])
@@ -141,6 +142,7 @@ def narrow_brackets(
         for ends, inner in ((b, points), (at_b, values), (output_at_b, outputs)):
             ends[wide] = np.append(inner, ends[wide, None], axis=1)[row, first]
         error = np.abs(_secant_root(*(y[wide] for y in brackets[:4])) - root)
+        # For a smooth function, the error of this root is proportional to the square of the bracket's length.
         offset[wide] = OFFSET_FACTOR * error * np.abs((b - a)[wide]) / length**2
     return brackets
 

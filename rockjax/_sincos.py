@@ -90,7 +90,7 @@ def sin(x: Value) -> Value:
 @jax.custom_jvp
 @jax.jit
 def cos(x: Value) -> Value:
-    """Return cos x for any x, as accurately as `sin`. Only near the zeros of cos x is the error larger: one
+    """Return cos x for any x, as accurately as `sin` except near the zeros of cos x. There the error is one
     rounding error of the number 1."""
     half_turns, sign = _half_turns(x)
     _, c = sincos(_subtract_half_turns(x, half_turns))

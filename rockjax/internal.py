@@ -1,6 +1,6 @@
 """Private names of rockjax that several modules of the package `optimise` use.
 
-Other private names are imported from the modules that define them. All of them may change without notice.
+Other private names are imported from the modules that define them. Private names may change without notice.
 """
 
 from ._boundaries.margin import DEFAULT_WIDTH

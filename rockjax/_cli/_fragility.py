@@ -58,8 +58,8 @@ def fragility(
     Scales every record to all intensity levels and finds the least overturning intensity of each record
     (incremental dynamic analysis). Fits a lognormal curve with confidence intervals. Prints median,
     dispersion and sensitivities of the median; writes OUTPUT.nc (the curve, with the analysis as a group),
-    OUTPUT-fragility.png and OUTPUT-ida.png. Fragility curves of contents in the problem file are printed as
-    a table, stored in a group of OUTPUT.nc and drawn in OUTPUT-contents.png. Ctrl-C saves nothing.
+    OUTPUT-fragility.png and OUTPUT-ida.png. If the problem file has contents, their fragility curves are
+    printed as a table, stored in a group of OUTPUT.nc and drawn in OUTPUT-contents.png. Ctrl-C saves nothing.
 
     \b
     Examples:
@@ -209,7 +209,7 @@ def _report_contents(console: Console, data: xarray.Dataset, unit_suffix: str) -
 
 def _curve(console: Console, analysis: xarray.Dataset, settings: models.Fragility) -> xarray.Dataset | None:
     """Return the fragility curve, without confidence intervals if they cannot be computed; None if no curve
-    fits."""
+    fits. In both cases, print the cause and set the exit status."""
     import rockjax as rj
 
     try:

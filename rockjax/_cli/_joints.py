@@ -28,7 +28,7 @@ def joint_warnings(podium: rj.Podium, peaks: Any, friction: float | None) -> Ite
     - `podium`: the structure
     - `peaks`: response, peaks or dataset with `VARIABLES` and `overturned`, of a scene or a batch; None to
       check only the podium. Scenes of a batch that overturn are ignored
-    - `friction`: friction coefficient μ of the joints [–]; None if unknown
+    - `friction`: friction coefficient μ of the joints [–]; None to omit the checks of friction
     """
     import numpy as np
 
@@ -62,7 +62,7 @@ def joint_warnings(podium: rj.Podium, peaks: Any, friction: float | None) -> Ite
     if opens.any():
         yield (
             f"warning: a joint opens{_scenes_note(opens)} (least N = {axial_force.min():.4g} m_c g, least "
-            f"share of an impulse {impulse_share.min():.3g}); from then on the model does not apply"
+            f"share of the mean impulse {impulse_share.min():.3g}); from then on the model does not apply"
         )
     if friction is None:
         return

@@ -50,8 +50,8 @@ def motions(
     """Print intensity measures of ground motions: PGA, PGV, Sa(T), Arias intensity, significant duration.
 
     With --tan-alpha and --R, also prints PGA/(g tan α) and p PGV/(g tan α). With --output, writes OUTPUT.nc.
-    For a problem file, lists the motions of all sets: number, name, source, sampling interval, duration and
-    PGA.
+    For a problem file, lists the motions of all sets: number, name, source, sampling interval, duration, PGA
+    and vertical PGA.
 
     \b
     Examples:
@@ -149,7 +149,8 @@ def _print_table(console: Console, rows: list[dict[str, Any]], numbers: bool = F
 
 
 def _motion_row(member: Motion | AbstractExcitation, folder: Path) -> dict[str, Any]:
-    """Return the row of a motion: name, source, sampling interval, duration, PGA and vertical PGA."""
+    """Return the row of a motion: name, source, sampling interval, duration, PGA and vertical PGA. Values
+    that the motion does not have are None."""
     from rockjax._excitations.ground import GroundMotion
     from rockjax._motions.motion import Motion
     from rockjax._units import STANDARD_GRAVITY

@@ -136,7 +136,7 @@ def accuracy_options(**defaults: Any) -> dict[str, Option]:
 
 
 def _option_type(annotation: Any) -> tuple[Any, Callable[[str, Any], Any], dict[str, Any]]:
-    """Return the Typer type for a key, the conversion to its value, and arguments for its option.
+    """Return the Typer type for a key, the function `Option.convert`, and arguments for the key's option.
 
     `annotation`: type of the key in its model
     """

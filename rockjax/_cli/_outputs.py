@@ -11,7 +11,7 @@ from typing import NamedTuple
 PICTURES = (".png", ".pdf", ".svg", ".eps", ".jpg", ".jpeg", ".tif", ".tiff", ".webp")
 DATA = (".nc", ".json")  # formats of data files
 SINGLE_PICTURE = ("",)  # names of the pictures of a command that draws only OUTPUT.png
-# Formats that commands do not write. A name with such a suffix is an error, not a prefix.
+# Formats that `--output` does not accept. A name with such a suffix is an error, not a prefix.
 UNSUPPORTED = (
     ".csv",
     ".txt",
@@ -73,7 +73,8 @@ def parse_outputs(text: str, name: str) -> Outputs:
 
 
 def store_path(output: Path) -> Path:
-    """Return the path of the zarr store for `--output`.
+    """Return the path of the zarr store for `--output`: `output`, or rockjax-sweep.zarr in `output` if this
+    is an existing folder but not a zarr store.
 
     Raises `ValueError` for the suffix of another format, and `OSError` if the store cannot be written.
     """

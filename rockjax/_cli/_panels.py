@@ -71,7 +71,7 @@ def report_minima(
     """Report the least overturning acceleration of each panel.
 
     - `console`: prints the lines
-    - `lowest`: least a_p/(g tan α) over `eta_over_gamma` and `T_s`
+    - `lowest`: least a_p/(g tan α) that overturns the columns [–], with dims `eta_over_gamma` and `T_s`
     - `ratios`: mass ratios η/γ [–]
     - `periods`: periods T_s [s]
     """

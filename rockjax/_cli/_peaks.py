@@ -90,7 +90,8 @@ def peaks(request: Request, console: Console, output: Output = "rockjax-peaks") 
 
 
 def _rows(data: xarray.Dataset) -> list[dict[str, Any]]:
-    """Return a row for each motion: name, result, number of impacts, and the worst value of each output."""
+    """Return a row for each motion: name, result, number of impacts if the dataset has it, and the worst
+    value of each output over modes, stories or joints."""
     from rockjax._outputs.base import worst_component
     from rockjax._outputs.registry import VARIABLES
     from rockjax._results import NAMES

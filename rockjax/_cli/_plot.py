@@ -31,16 +31,16 @@ def plot(
         option(
             "--kind",
             panel=OUTPUT,
-            help="Kinds of pictures, separated by commas; by default those that the command draws.",
+            help="Kinds of pictures, separated by commas; by default all, but only response for a response.",
         ),
     ] = "",
 ) -> None:
-    """Draw the results in a file: spectra, overturning spectra, responses, fragilities, design charts.
+    """Draw the results in a file, such as spectra, responses, fragilities or design charts.
 
     Writes OUTPUT-KIND.png. Kinds for a rocking spectrum: rotation, overturning, sensitivity, lift-off; for an
     overturning spectrum: boundaries, sensitivity; for a fragility: fragility, ida, contents; for a response:
     response, phase-portrait, moment-rotation, energy, stories, joint-forces, friction-demand, and animation
-    (a GIF).
+    (a GIF); for an ensemble: its peaks, such as peak-rotation. All other files have one kind.
 
     \b
     Examples:

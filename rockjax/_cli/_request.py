@@ -27,9 +27,9 @@ _ALTERNATIVES = {name: y.instead_of[0] for name, y in (STRUCTURE | MOTION).items
 
 
 def problem_file(problem: Path | None, example: str | None) -> Path | None:
-    """Return the path of the problem file of the user or of an example; None if there is neither.
+    """Return the path of the problem file: of the user, or of an example; None if neither is given.
 
-    Raises `ValueError` if there are both.
+    Raises `ValueError` if both are given.
     """
     if example is None:
         return problem
@@ -41,11 +41,11 @@ def problem_file(problem: Path | None, example: str | None) -> Path | None:
 class Request:
     """The problem of a command. Options override the problem file, if there is one.
 
-    `problem` is the validated result.
+    The attribute `problem` is the validated problem, and `settings` its table for the command.
 
-    - `command`: name of the command; `settings` is the table of this name in `problem`
-    - `path`: path of the problem file, or None
-    - `values`: values of all options including defaults, by key
+    - `command`: name of the command
+    - `path`: path of the problem file; None if there is none
+    - `values`: values of all options including defaults, by key; None if an option has no value
     - `explicit`: (flag, value) of the options on the command line, by key
     """
 
@@ -60,7 +60,8 @@ class Request:
 
         self.command, self.path = command, path
         self.values = {name: value for name, value in values.items() if value is not None}
-        for name in ("file", "vertical"):  # elsewhere, relative paths start at the folder of the problem file
+        # Paths of options are relative to the working directory, those in a problem file to its folder.
+        for name in ("file", "vertical"):
             if name in self.values:
                 self.values[name] = str(Path(values[name]).absolute())
         self.flags = {name: flag for name, (flag, _) in explicit.items() if name in values}
@@ -92,7 +93,11 @@ class Request:
         return {name: value for name, value in merged.items() if value is not None}
 
     def _options(self, table: Any) -> Any:
-        """Return the table [options]: values from the command line, else from the file, else defaults."""
+        """Return the table [options]: values from the command line, else from the file, else defaults.
+
+        `atol` is 0.01 `rtol` if `rtol` is on the command line, or if the command has a default `rtol` and the
+        file no `atol`.
+        """
         names = [
             name for name in models.Options.model_fields if name in self.values and name not in self.keys
         ]
@@ -106,7 +111,8 @@ class Request:
 
     def _structure(self, table: Any) -> Any:
         """Return the table of the structure, overridden by the options."""
-        has_panels = self.command in ("spectrum", "overturning")  # `panels` sets the superstructure
+        # For these commands, the method `panels` sets the superstructures.
+        has_panels = self.command in ("spectrum", "overturning")
         explicit = self.option_values(
             name for name in _STRUCTURE_KEYS if not (has_panels and name in ("T_s", "zeta"))
         )
@@ -119,14 +125,15 @@ class Request:
         if table is not None and "column_mass" not in table:
             return self._by_ratios(table, explicit)
         merged = (table or {}) | explicit
-        if "zeta" in merged:
+        if "zeta" in merged:  # the key of the damping ratio if a structure is given by dimensions
             merged["damping"] = merged.pop("zeta")
         return merged
 
     def _by_ratios(self, table: dict[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
         """Return the table of a structure by ratios, overridden by values.
 
-        A superstructure with T_s = 0 becomes rigid, and a superstructure without mass is removed.
+        A superstructure with T_s = 0 becomes rigid. A superstructure is removed if `values` set η = 0, or if
+        η is missing and neither T_s nor ζ is on the command line.
         """
         merged = self._override(
             table, {name: y for name, y in values.items() if name not in _SUPERSTRUCTURE_KEYS}
@@ -165,7 +172,8 @@ class Request:
         return merged
 
     def _motions(self, merged: Any) -> Any:
-        """Return the sets of motions; options override the entries of the chosen set."""
+        """Return the sets of motions. Options override the entries of the chosen set; a record on the command
+        line replaces all sets."""
         explicit, sets, table = (
             self.option_values(_MOTION_KEYS),
             merged.get("motions", {}),
@@ -216,9 +224,9 @@ class Request:
     def panels(self) -> Panels:
         """Return the podiums of a spectrum: one for each mass ratio η/γ and period T_s (0 for rigid).
 
-        The structure in a problem file is the only podium unless an option or the table of the command sets
-        η, η/γ, T_s or ζ. Raises `ValueError` for contradictory options, and for options that cannot change
-        the superstructure.
+        A structure in a problem file or by dimensions is the only podium unless an option or the table of the
+        command sets η, η/γ, T_s or ζ. Raises `ValueError` for contradictory options, and for options that
+        cannot change the superstructure.
         """
         from rockjax._structures import superstructure_of
 
@@ -252,7 +260,11 @@ class Request:
         return Panels([podium.replace(superstructure=top) for top in tops], ratios, periods, zeta)
 
     def motion_set_name(self, name: str | None, key: str = "motion") -> str:
-        """Return the chosen set of motions, by default the only set; `key`: key of the choice."""
+        """Return the name of the chosen set of motions.
+
+        - `name`: the choice; None for the only set
+        - `key`: key in the command's table, and name of the option, for the choice
+        """
         sets = self.problem.motions
         if name is None and len(sets) > 1:
             self.reader.fail(
@@ -275,7 +287,8 @@ class Request:
         return members[(number or 1) - 1]
 
     def motion_or_set(self, podium: rj.Podium) -> Any:
-        """Return all motions of the chosen set, or a single motion if options change or select one."""
+        """Return all motions of the chosen set, or a single motion if options change or select one, or the
+        set has only one."""
         from rockjax._problem.reading import has_pulses, to_excitation
 
         sets, name = self.problem.motions, self.settings.motion

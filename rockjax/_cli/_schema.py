@@ -14,9 +14,11 @@ from ._run import Console, command
 @command(jax=False)
 def schema(
     console: Console,
-    output: Annotated[Path | None, option("--output", "-o", panel=OUTPUT, help="File to write.")] = None,
+    output: Annotated[
+        Path | None, option("--output", "-o", panel=OUTPUT, help="File to write, instead of printing.")
+    ] = None,
 ) -> None:
-    """Write the JSON schema of problem files, for completion and checks in editors.
+    """Print or write the JSON schema of problem files, for completion and checks in editors.
 
     \b
     Examples:

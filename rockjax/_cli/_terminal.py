@@ -1,4 +1,4 @@
-"""Standard output and error: closed pipes, full disks, encodings without Greek letters, colours."""
+"""Standard streams that tolerate closed pipes, full disks and encodings without Greek letters."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class _Stream:
 
 @contextlib.contextmanager
 def terminal() -> Iterator[None]:
-    """Replace stdout and stderr by streams that do not fail while a command runs.
+    """While a command runs, replace stdout and stderr by streams that do not fail.
 
     If NO_COLOR is set, bold and dim text are switched off as well as colours. Raises `SystemExit` with status
     1 after the command if stdout could not be written, for example on a full disk.

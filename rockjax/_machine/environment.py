@@ -6,5 +6,5 @@ import os
 
 
 def switched_off(variable: str) -> bool:
-    """Return whether an environment variable is "0", "off", "no" or "false"."""
+    """Return whether an environment variable is "0", "off", "no" or "false", in upper or lower case."""
     return os.environ.get(variable, "").strip().lower() in ("0", "off", "no", "false")

@@ -25,8 +25,9 @@ def require_memory(
     noun: str = "scenes",
     advice: str = REQUEST_FEWER_OR_SWEEP,
 ) -> None:
-    """Raise `ValueError` if the results of scenes do not fit into free memory, as reported by Linux; other
-    systems are not checked.
+    """Raise `ValueError` if the results of scenes do not fit into free memory, as reported by Linux.
+
+    Other systems, and results below 1 MiB, are not checked.
 
     - `owner`: class or function, for the message
     - `number`: number of scenes

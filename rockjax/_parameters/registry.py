@@ -59,7 +59,8 @@ class Parameter(NamedTuple):
       Members of a tuple are named by their class, as in `restrainers.Tendon.stiffness`. Empty for derived
       parameters
     - `formula`: definition of the symbol; `note`: further text, such as the meaning of a missing value
-    - `instead_of`: parameters of the same quantity, which cannot be given together with this parameter
+    - `instead_of`: parameters that cannot be given together with this parameter, because both determine the
+      same quantity
     - `is_integer`: whether the parameter is a whole number, which cannot vary in a batch or be differentiated
     """
 
@@ -254,8 +255,8 @@ def motion_parameter(name: str) -> Parameter:
 
 
 def find_entry(name: str) -> Parameter | None:
-    """Return the parameter with a name, which may have a prefix such as `excitation.`; None if there is
-    none."""
+    """Return the parameter with a name, which may have a prefix such as `excitation.`; None for a name that
+    is not in `STRUCTURE` or `MOTION`."""
     path, _, short = name.rpartition(".")
     table = STRUCTURE if short in STRUCTURE and not path.startswith("excitation") else MOTION
     return table.get(short)
@@ -268,7 +269,8 @@ def variable_attributes(name: str) -> dict[str, str]:
 
 
 def find_clash(names: Iterable[str]) -> tuple[str, str] | None:
-    """Return the first two names that describe the same quantity, or None if there is no such pair."""
+    """Return the first two names that cannot be given together, see `Parameter.instead_of`; None if there is
+    no such pair."""
     names = tuple(names)
     for table in (STRUCTURE, MOTION):
         for name in names:

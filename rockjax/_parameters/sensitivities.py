@@ -1,4 +1,7 @@
-"""Parameters y of sensitivities y ∂/∂y: checks of their names, and multiplication of their values."""
+"""Parameters of sensitivities: checks of their names, and podiums with parameters multiplied by factors.
+
+The sensitivity of an answer f to a parameter y is y ∂f/∂y, the derivative of f with respect to a factor on y.
+"""
 
 from __future__ import annotations
 

@@ -28,7 +28,8 @@ from .registry import (
 
 
 def find_parameter(name: str) -> Parameter | None:
-    """Return the parameter of a structure with this name or attribute path; None if there is none."""
+    """Return the parameter of a structure with a name, or with an attribute path in `STRUCTURE`; None if
+    there is no such parameter."""
     for table in (STRUCTURE, MULTI_MODE_SCALARS):
         if name in table:
             return table[name]
@@ -108,7 +109,7 @@ def is_fixed(podium: Podium, parameter: Parameter) -> bool:
 
 
 def read(podium: Podium, name: str) -> Any:
-    """Return the value of a parameter of this podium. Raises `ValueError` for other names."""
+    """Return the value of a parameter of this podium, by name. Raises `ValueError` for other names."""
     parameter = _require_parameter(podium, name)
     if parameter.attribute_path:
         return _stored_value(podium, parameter.attribute_path)
@@ -205,7 +206,8 @@ def _index_of_class(members: tuple, class_name: str) -> int:
 
 
 def _for_all_modes(podium: Podium, path: str, value: Any) -> Any:
-    """Return values for a batch of podiums with a last axis of modes, if one value applies to all modes.
+    """Return values for a batch of podiums. If each podium has one value for all modes, repeat it along a
+    last axis of modes.
 
     Without this axis, the axis of the batch would be taken for the axis of modes.
     """

@@ -87,7 +87,8 @@ class AbstractRestrainer(Module):
         [`rockjax.Podium.equivalent_block`][].
 
         - `weight_ratio`: restoring moment of the frame divided by the moment of the block, 1+2γ
-        - `inertia_ratio`: inertia of the frame divided by the inertia of the block, 3γ+¾(1+λ)
+        - `inertia_ratio`: inertia of the frame divided by the inertia of the block, 3γ+¾(1+λ). In both
+          ratios, γ includes a rigid superstructure
         - `p_ratio`: frequency parameter p of the block divided by p of the frame
         """
 
@@ -133,14 +134,15 @@ class AbstractRestrainer(Module):
 
     @property
     def apparent_mass(self) -> Number | None:
-        """Inertance of the equivalent device that spans both joints, divided by m_c; None if there is no
-        inertance."""
+        """Inertance of the equivalent device that spans both joints, divided by m_c; None if the device has
+        no inertance."""
         inertance = self._apparent_mass
         return None if inertance is None else self.elongation_ratio**2 * inertance
 
     @property
     def equivalent_stiffness(self) -> Number | None:
-        """Stiffness K R/(m_c g) of the equivalent device that spans both joints; None if there is none."""
+        """Stiffness K R/(m_c g) of the equivalent device that spans both joints; None if the device has no
+        stiffness."""
         stiffness = self._stiffness
         return None if stiffness is None else self.elongation_ratio**2 * stiffness
 

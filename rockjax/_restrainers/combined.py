@@ -19,7 +19,7 @@ from rockjax._types import Number
 from . import KINDS
 from .base import AbstractRestrainer
 
-NEWTON_STEPS = 40  # number of steps in the search for the stability angle, more than enough
+NEWTON_STEPS = 40  # number of steps in the search for the stability angle, more than it needs
 
 
 def as_restrainers(value) -> tuple[AbstractRestrainer, ...]:
@@ -106,5 +106,6 @@ def _find_stability_angle(
     # One more Newton step gives the derivative, by the implicit function theorem.
     value, slope = jax.jvp(moment, (root,), (jnp.ones_like(root),))
     root = root - value / jnp.where(slope < 0, slope, -1.0)
+    # A moment at π/2 that is zero but for rounding counts as a root.
     has_root = moment(right_angle) <= 8 * np.finfo(np.asarray(0.0).dtype).eps * weight
     return jnp.where(has_root, jnp.minimum(root, right_angle), jnp.inf)

@@ -37,8 +37,8 @@ class ModalAnalysis(NamedTuple):
 def modal_analysis(masses: Array, stiffnesses: Array) -> ModalAnalysis:
     """Return the modes of a chain of floors on a fixed beam, K φ_i = ω_i² M φ_i, (C11).
 
-    - `masses`, `stiffnesses`: masses of the floors and stiffnesses of the stories below them, from the bottom
-      along the last axis
+    - `masses`, `stiffnesses`: mass ratios of the floors [–] and stiffness ratios of the stories below them
+      [1/s²], from the bottom along the last axis
 
     The periods of a chain are distinct, so the modes are differentiable.
     """
@@ -69,7 +69,8 @@ class ShearBuilding(AbstractSuperstructure):
       the beam, and `peak_shear` and `peak_floor_acceleration` omit the impulses of this mass at impacts
     - `heights`: heights of the stories, > 0 [m], for forces in the joints, drift ratios and pictures; None if
       unknown
-    - `retained`: the argument `modes` under the name of the field, for `dataclasses.replace`
+    - `retained`: the argument `modes` under the name of the field, for `dataclasses.replace`; ignored if
+      `modes` is given
 
     [`rockjax.ShearBuilding.modes`][] returns the retained modes. Peaks and histories include story drifts
     and floor accelerations. Raises `ValueError` for unequal lengths and for values outside these ranges;
@@ -130,7 +131,9 @@ class ShearBuilding(AbstractSuperstructure):
         - `eta`: mass ratio of the building, m_t/(N m_c), > 0 [–]
         - `T`: longest fixed-base period, > 0 [s]
         - `damping`, `modes`: as for [`rockjax.ShearBuilding`][]
-        - `height`: height of each story [m]; None if unknown
+        - `height`: height of each story, > 0 [m]; None if unknown
+
+        Raises `ValueError` for values outside these ranges; traced values are not checked.
         """
         count = require_whole("ShearBuilding.uniform", "stories", stories, 1)
         require_positive("ShearBuilding.uniform", eta=eta, T=T)
@@ -250,8 +253,8 @@ def superstructure_of(eta: Any, T_s: Any = None, zeta: Any = 0.05, stories: int 
 
     - `eta`: mass ratio m_t/(N m_c) [–]
     - `T_s`: longest fixed-base period [s]; None for a rigid superstructure
-    - `zeta`: damping ratio [–]
-    - `stories`: number of stories of a building; None for a single oscillator
+    - `zeta`: damping ratio [–]; not used if rigid
+    - `stories`: number of stories of a building; None for a single oscillator; not used if rigid
     """
     if T_s is None:
         return Rigid(eta)

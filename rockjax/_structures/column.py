@@ -17,7 +17,7 @@ DENSITIES = 300.0, 8000.0  # plausible range [kg/m³], from light timber or a ho
 
 
 def check_column_units(width, height, mass) -> None:
-    """Warn if a column's size suggests mm, or if its mass suggests tonnes, assuming a square section.
+    """Warn if a column is larger than real columns, or if its density is implausible for a square section.
 
     - `width` [m], `height` [m], `mass` [kg]: full dimensions and mass of a column
     """
@@ -41,10 +41,13 @@ def _check_density(width: np.ndarray, height: np.ndarray, mass: np.ndarray) -> N
     is_unlikely = (density < low) | (density > high)
     if is_unlikely.any():
         b, h, m, rho = (float(y[is_unlikely].flat[0]) for y in (width, height, mass, density))
+        advice = (
+            "masses are in kg, were they meant in t?" if rho < low else "masses are in kg, dimensions in m"
+        )
         column = f"a square column of {b:g} m by {b:g} m by {h:g} m"
         warn_about_units(
             f"Podium.from_dimensions: column_mass = {m:g} kg makes {column} {rho:.3g} kg/m³ dense, outside "
-            f"{low:g} to {high:g}; masses are in kg, were they meant in t?",
+            f"{low:g} to {high:g}; {advice}",
             stacklevel=4,
         )
 
@@ -52,12 +55,12 @@ def _check_density(width: np.ndarray, height: np.ndarray, mass: np.ndarray) -> N
 def slenderness_and_size(width: Number, height: Number) -> tuple[Number, Number]:
     """Return slenderness α [rad] and half diagonal R [m] of a column of full width 2B and full height 2H [m],
     Eq. (1)."""
-    numpy = array_module(width, height)
-    return numpy.arctan(width / height), 0.5 * numpy.sqrt(width**2 + height**2)
+    xp = array_module(width, height)
+    return xp.arctan(width / height), 0.5 * xp.sqrt(width**2 + height**2)
 
 
 def enlargement(owner: str, radius: Number, height: Number) -> Number:
-    """Return the factor H/(H − r_c) on R, with which a podium with flat column ends is equivalent to a podium
+    """Return H/(H − r_c), the factor on R that makes a podium with flat column ends equivalent to a podium
     with round ends, (R5).
 
     - `owner`: name for error messages

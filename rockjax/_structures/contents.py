@@ -46,7 +46,8 @@ class Contents(Module):
     - `alpha`: slenderness α_c = atan(width/height), 0 < α_c < π/2 [rad]
     - `R`: half diagonal R_c, > 0 [m]
     - `lam`: inertia factor λ_c = I/(m R_c²), ≥ 0 [–]; 1/3 for a uniform block
-    - `restitution`: a velocity factor in [0, 1], or `"paper"` for e_c = 1 − 2 sin²α_c/(1+λ_c)
+    - `restitution`: a velocity factor in [0, 1], or `"paper"` for e_c = 1 − 2 sin²α_c/(1+λ_c), which for a
+      block is the same as `"compatible"`
     - `level`: the floor, `"deck"` for the cap beam or the number of a story from the bottom
     - `vertical`: whether the floor's vertical motion acts on the block; practice usually neglects this motion
     - `overturn_ratio`: rotation |φ|/α_c at which the block counts as overturned, in (0, π/(2α_c)] [–]

@@ -38,7 +38,7 @@ class Elevation(Module):
     - `beam_depth`: depth D of the beam, ≥ 0 [m]; its mass is at D/2
     - `top_height`: height above the top of the beam [m]. [`rockjax.Elastic`][] and [`rockjax.Rigid`][] need
       the height of their mass, [`rockjax.Modes`][] one height for each mode (negative for some higher modes),
-      a [`rockjax.ShearBuilding`][] without `heights` one for each floor
+      a [`rockjax.ShearBuilding`][] one for each floor, ascending, or 0 if the building has its own `heights`
     - `residual_height`: height of the residual mass of [`rockjax.Modes`][] above the top of the beam [m]
 
     An elevation affects only forces in the joints, not the motion. Raises `ValueError` for values outside

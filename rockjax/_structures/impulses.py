@@ -1,7 +1,7 @@
-"""Impulses in the joints at an impact, divided by the impact speed.
+"""Impulses in the joints at an impact, divided by the mass of a column and the impact speed.
 
-Equations with an F are in docs/forces.md and docs/equations.md. The mean column has the mean of the impulses
-of all columns.
+Equations with an F are in docs/forces.md and docs/equations.md. The impulses of the mean column are the means
+of the impulses of all columns.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def impulses(
     """Return the impulses in the joints of the mean column, (F12).
 
     - `two_R`: 2R [m]; `sin_alpha`, `cos_alpha`: sine and cosine of the slenderness α
-    - `gamma`, `eta`: ratios of the mass that moves with the beam, and of the vibrating mass [–]
+    - `gamma`, `eta`: mass that moves with the beam, and vibrating mass, divided by N m_c [–]
     - `inertances`: μ_b and μ_t of the inerters that act on the bottom and the top joint [–]
     - `e`: velocity factor of the impact, ≥ 0 [–]
     """
@@ -51,10 +51,10 @@ def impulses(
 def impulse_eccentricity(
     sin2: Number, gamma: Number, eta: Number, lam: Number, mu: Number, e: Number
 ) -> Number:
-    """Return ξ_J, the position of the resultant impulses divided by half the width of a column, (F13).
+    """Return ξ_J, the position of the resultant of the impulses divided by half the width of a column, (F13).
 
     - `sin2`: sin²α
-    - `gamma`, `eta`: ratios of the mass that moves with the beam, and of the vibrating mass [–]
+    - `gamma`, `eta`: mass that moves with the beam, and vibrating mass, divided by N m_c [–]
     - `lam`, `mu`: inertia factor λ of a column, and μ of all inerters [–]
     - `e`: velocity factor of the impact, ≥ 0 [–]
     """

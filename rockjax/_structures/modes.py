@@ -29,7 +29,7 @@ def as_row(owner: str, name: str, values, what: str) -> Array:
     - `values`: one value for each mode, story or column along the last axis
     - `what`: "mode", "story" or "column", for error messages
 
-    Raises `ValueError` for a scalar and for an empty axis.
+    Raises `ValueError` for a scalar, an empty axis, and anything but numbers.
     """
     array = as_float(values, f"{owner}: {name}")
     if array.ndim == 0 or array.shape[-1] == 0:
@@ -84,9 +84,9 @@ class Modes(AbstractSuperstructure):
     - `residual`: mass ratio η_r of the remaining mass, which moves with the beam, ≥ 0 [–]; `peak_shear` omits
       its impulses at impacts
 
-    For one mode use [`rockjax.Elastic`][], for none `Rigid(residual)`. The last axis of displacements in
-    [`rockjax.State`][] and of `peak_deformation` is the axis of modes. Raises `ValueError` for unequal
-    lengths and for values outside these ranges; traced values are not checked.
+    For one mode without `residual` use [`rockjax.Elastic`][], for no mode `Rigid(residual)`. The last axis of
+    displacements in [`rockjax.State`][] and of `peak_deformation` is the axis of modes. Raises `ValueError`
+    for unequal lengths and for values outside these ranges; traced values are not checked.
     """
 
     rows: ClassVar[tuple[str, ...]] = ("eta", "T", "zeta")

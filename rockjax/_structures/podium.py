@@ -64,12 +64,15 @@ from .superstructures import (
 class Podium(Module):
     """A podium frame of free-standing rocking columns under a rigid beam, with or without a superstructure.
 
-    - `alpha`: column slenderness α = atan(B/H), 0 < α < π/2 [rad], Eq. (1)
+    - `alpha`: column slenderness α = atan(B/H), with half width B and half height H of a column,
+      0 < α < π/2 [rad], Eq. (1)
     - `R`: half diagonal of a column, > 0 [m]
-    - `gamma`: mass ratio of the beam γ = m_b/(N m_c), ≥ 0 [–], Eq. (2); 0 for Housner's solitary block
+    - `gamma`: mass ratio of the beam γ = m_b/(N m_c), with the mass m_b of the beam and N columns of mass
+      m_c, ≥ 0 [–], Eq. (2); 0 for Housner's solitary block
     - `superstructure`: `None`, [`rockjax.Rigid`][], [`rockjax.Elastic`][], [`rockjax.Modes`][] or
       [`rockjax.ShearBuilding`][]
-    - `lam`: column inertia factor λ = I_c/(m_c R²), ≥ 0 [–], Eq. (3); 1/3 for a uniform block
+    - `lam`: column inertia factor λ = I_c/(m_c R²), with the moment of inertia I_c about the centre of the
+      column, ≥ 0 [–], Eq. (3); 1/3 for a uniform block
     - `restitution`: `"paper"`, Eq. (27); `"compatible"`, conservation of angular momentum with Eq. (26); or a
       velocity factor in [0, 1]
     - `g`: acceleration of gravity, > 0 [m/s²]
@@ -163,8 +166,9 @@ class Podium(Module):
         - `width`, `height`: full column width 2B and height 2H, > 0 [m]
         - `column_mass`: mass of one column m_c, > 0 [kg]
         - `beam_mass`, `top_mass`: masses of the beam m_b and of the superstructure m_t, ≥ 0 [kg]
-        - `columns`: number of columns N; by default the number of positions, or 2
-        - `period`, `damping`: T_s [s] and ζ of the superstructure; it is rigid if `period` is None
+        - `columns`: number of columns N; by default the number of `positions`, or 2 without `positions`
+        - `period`, `damping`: T_s [s] and ζ of the superstructure. It is rigid if `period` is None and there
+          are no stories
         - `lam`, `restitution`, `g`: as for [`rockjax.Podium`][]
         - `tendon_force`, `tendon_stiffness`: initial force P₀ [N] and axial stiffness K [N/m] of the tendon
           of a column
@@ -304,8 +308,8 @@ class Podium(Module):
 
         q = ü_g − (ω_s² u_t + 2ζω_s u̇_t)·2η/(1+2γ) includes the spring force; for the ground acceleration see
         `uplift_ground_acceleration`. The threshold is g tan α (1+2γ+2η)/(1+2γ) with an elastic
-        superstructure, and g tan α with a rigid one or none, Eq. (5). Tendons add 2gτ tan α/(1+2γ), (C10),
-        where γ includes a rigid superstructure.
+        superstructure, and g tan α with a rigid one or none, Eq. (5). Tendons add 2gτ tan α/(1+2γ), (C10).
+        In all of these, γ includes all mass that moves with the beam.
         """
         threshold = self.uplift_ground_acceleration
         if self.vibrates:
@@ -341,8 +345,8 @@ class Podium(Module):
 
     @property
     def dead_load(self) -> Number:
-        """Axial force N/(m_c g) at rest, averaged over the columns, at the bottom and the top joint along the
-        last axis [–], (F3)."""
+        """Axial force at rest divided by m_c g, averaged over the columns, at the bottom and the top joint
+        along the last axis [–], (F3)."""
         both_joints, bottom_joint = devices_by_joints(self.restrainers)
         carried = self.gamma + self.eta
         top = carried + prestress(both_joints, carried)
@@ -350,7 +354,8 @@ class Podium(Module):
 
     @property
     def impact_eccentricity(self) -> Number:
-        """ξ_J, the position of the impulses of an impact divided by half the width of a column [–], (F13).
+        """ξ_J, the position of the resultant of the impulses at an impact, divided by half the width of a
+        column [–], (F13).
 
         It is 1 if all impulses act at the new contact edges, as with `"compatible"`, or with `"paper"` and no
         elastic superstructure. It is less than 1 if impulses also act at the old edges. A value above 1 would
@@ -391,7 +396,8 @@ class Podium(Module):
     def stability_angle(self) -> Number:
         """θ_s: the smallest rotation in (0, π/2] from which a column at rest does not return [rad], (C7).
 
-        It is α without tendons, larger with tendons, and inf if tendons restore the column at every rotation.
+        It is α without tendons, larger with tendons, and inf if tendons restore the column at every rotation
+        up to π/2.
         """
         return stability_angle(self.alpha, self.gamma + self.eta + 0.5, self.restrainers)
 
@@ -469,9 +475,9 @@ class Podium(Module):
     def equivalent_block(self) -> Podium:
         """Return the solitary block (λ = 1/3) that rocks exactly like this frame under every excitation.
 
-        It has the same α and e, and p̂² = p² (2γ+1)/(3γ+¾(1+λ)), where γ includes a rigid superstructure. Its
-        restrainers have τ/(1+2γ), κ/(1+2γ), δ (p̂/p)^ν/(1+2γ) and μ/(3γ+¾(1+λ)). Raises `ValueError` for an
-        elastic superstructure, which has no equivalent block.
+        It has the same α and e, and its frequency parameter p̂ is given by p̂² = p² (2γ+1)/(3γ+¾(1+λ)), where
+        γ includes a rigid superstructure. Its restrainers have τ/(1+2γ), κ/(1+2γ), δ (p̂/p)^ν/(1+2γ) and
+        μ/(3γ+¾(1+λ)). Raises `ValueError` for an elastic superstructure, which has no equivalent block.
         """
         if self.vibrates:
             raise ValueError(
@@ -560,7 +566,8 @@ def _count_and_elevation(
     - `columns`, `positions`: number and positions of the columns, or None
     - `heights`: fields of `Elevation` and their values [m]
 
-    Raises `ValueError` for heights without positions, and if `columns` is not the number of positions.
+    Raises `ValueError` for heights other than 0 without positions, and if `columns` is not the number of
+    positions.
     """
     if positions is None:
         for name, value in heights.items():
@@ -645,7 +652,8 @@ def _make_building(
         raise ValueError(f"{owner}: story_masses and story_stiffnesses must be given together")
     if period is not None or np.any(concrete(eta)):
         raise ValueError(
-            f"{owner}: story_masses and story_stiffnesses exclude top_mass and period; give only one pair"
+            f"{owner}: story_masses and story_stiffnesses exclude top_mass and period; give one pair or "
+            "the other"
         )
     masses, stiffnesses = (
         as_float(y, f"{owner}: {name}") / columns_mass[..., None]

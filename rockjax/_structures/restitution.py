@@ -24,9 +24,9 @@ class PaperRestitution(Module):
         """Return the velocity factor e [–], Eq. (27), (C12).
 
         - `sin2`: sin²α
-        - `gamma`, `eta`: ratios of the mass that moves with the beam, and of the vibrating mass [–]
+        - `gamma`, `eta`: mass that moves with the beam, and vibrating mass, divided by N m_c [–]
         - `lam`: inertia factor λ of a column [–]
-        - `mu`: inertance divided by m_c [–]; None without inerters
+        - `mu`: sum μ of the inertances of a column, divided by m_c [–]; None without inerters
         """
         if mu is None:
             return 1 - sin2 * (2 * gamma + 2 * eta + 0.5) / (0.25 * (1 + lam) + gamma + eta)
@@ -49,9 +49,9 @@ class CompatibleRestitution(Module):
         """Return the velocity factor e [–].
 
         - `sin2`: sin²α
-        - `gamma`, `eta`: ratios of the mass that moves with the beam, and of the vibrating mass [–]
+        - `gamma`, `eta`: mass that moves with the beam, and vibrating mass, divided by N m_c [–]
         - `lam`: inertia factor λ of a column [–]
-        - `mu`: inertance divided by m_c [–]; None without inerters
+        - `mu`: sum μ of the inertances of a column, divided by m_c [–]; None without inerters
         """
         if mu is None:
             return 1 - 2 * sin2 * (1 + 4 * gamma + 4 * eta) / (1 + lam + 4 * gamma + 4 * eta * sin2)

@@ -82,7 +82,7 @@ class AbstractSuperstructure(Module):
 
     @property
     def height_count(self) -> int | None:
-        """Number of heights in `Elevation.top_height`, one for each mode or floor; None for a scalar."""
+        """Number of heights in `Elevation.top_height`, one for each mode or floor; None for one height."""
         return None
 
     @property
@@ -91,7 +91,7 @@ class AbstractSuperstructure(Module):
         return None
 
     def check_heights(self, owner: str, heights: Number) -> None:
-        """Raise `ValueError`, in the name of `owner`, for heights of an elevation that do not fit."""
+        """Raise `ValueError`, whose message begins with `owner`, for unsuitable heights of an elevation."""
         del owner, heights
 
     def first_moments(self, heights: Number, residual_height: Number) -> tuple[Number | None, Number | None]:

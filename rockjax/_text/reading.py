@@ -34,7 +34,7 @@ def decode(path: str | Path, content: bytes, *, utf8_only: bool = False) -> str:
     - `path`: path of the file, for error messages
     - `content`: bytes in UTF-8, or in UTF-16 or UTF-32 with a byte order mark; other bytes are read as
       Windows-1252, which occurs in names of stations
-    - `utf8_only`: whether to reject content that is neither UTF-8 nor begins with a byte order mark
+    - `utf8_only`: whether to reject content in Windows-1252
 
     Raises `ValueError`, which names the file, the line and the cause, if the content is not text.
     """

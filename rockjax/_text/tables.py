@@ -24,7 +24,7 @@ def align_rows(rows: Rows, numbers: bool = False) -> list[str]:
 def html(rows: Rows, caption: str = "", headings: Literal["row", "column", "none"] = "none") -> str:
     """Return an HTML table of escaped text, with headings in the first row, the first column, or nowhere.
 
-    In a row of two cells of which the second is empty, the first cell spans both columns.
+    If a row has two cells and the second is empty, the first cell spans both columns.
     """
     body = "".join(f"<tr>{_cells(row, k, headings)}</tr>" for k, row in enumerate(rows))
     return f"<table>{f'<caption>{escape(caption)}</caption>' if caption else ''}{body}</table>"

@@ -231,7 +231,7 @@ def test_own_outputs_are_in_datasets():
 @pytest.mark.parametrize("name", ["peak_shear", "not a name"])
 def test_own_outputs_need_a_name_of_their_own(name):
     named = type("Named", (rj.AbstractOutput,), {"name": name, "quantity": lambda self, moment: moment.t})
-    with pytest.raises(ValueError, match="must be a Python identifier that no other output has"):
+    with pytest.raises(ValueError, match="identifier, and not the name of a built-in output"):
         rj.Options(outputs=("peak_rotation", named()))
 
 
