@@ -1,1 +1,1 @@
-"""Design report: checks of a problem file on one page, and the same tables as JSON, CSV and XLSX."""
+"""The design report: the results of the checks in a problem file, as a page and as JSON, CSV and XLSX."""

@@ -32,9 +32,9 @@ def page_of(evaluation: Evaluation, units: Units | None = None, command: str = "
     """Return the page of an evaluation.
 
     - `evaluation`: the evaluated problem
-    - `units`: units of drawings and texts; by default the result of `units_of`. Numbers of tables stay in SI
-      and get their units when a format writes them
-    - `command`: the command line that makes the report, shown at the head of the page
+    - `units`: units of drawings and their captions; by default the result of `units_of`. All other numbers
+      stay in SI; a format converts them when it writes them
+    - `command`: the command line that makes the report, shown at the head of the page; "" for none
     """
     units = units or units_of(evaluation)
     problem = evaluation.problem
@@ -72,7 +72,8 @@ def tables_of(evaluation: Evaluation) -> dict[str, Table]:
 
 
 def date_of(evaluation: Evaluation) -> str:
-    """Return the date of the page: from the problem file, else from SOURCE_DATE_EPOCH, else today."""
+    """Return the date of the page: from the problem file, else from the environment variable
+    SOURCE_DATE_EPOCH (seconds since 1970), else today."""
     if evaluation.problem.project.date:
         return evaluation.problem.project.date
     epoch = os.environ.get("SOURCE_DATE_EPOCH")

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 class Outcome(NamedTuple):
     """Result of testing an assumption on a set of scenes.
 
-    - `violated`: whether each scene violates the assumption, (n,)
-    - `worst`: number in `text`, such as the tested value in the worst scene
+    - `violated`: whether each scene violates the assumption, (scenes,)
+    - `worst`: the number that `text` states, such as the tested value in the worst scene
     - `text`: description of the result, with `{}` in place of `worst`
     """
 
@@ -33,7 +33,7 @@ class Assumption(NamedTuple):
     """An assumption of the model.
 
     - `id`: number, such as "A1"; `text`: the assumption as a sentence
-    - `conservative`: whether results are on the safe side if the assumption does not hold: "no" or "depends"
+    - `conservative`: "no" or "depends": whether results are on the safe side if the assumption does not hold
     - `test`: function (problem, peaks of scenes) → outcome, or a sentence that states why there is no test
     - `invalidates`: whether a violation turns the result PASS into NOT VALID
     """
@@ -46,7 +46,8 @@ class Assumption(NamedTuple):
 
 
 def opens_joint(data: xarray.Dataset) -> np.ndarray:
-    """Return for each scene whether a joint opens or the beam lifts off at an impact, (n,)."""
+    """Return for each scene whether a joint opens or, at an impact, the beam lifts off a column,
+    (scenes,)."""
     return (data["least_axial_force"].values.min(axis=-1) < 0) | (
         data["least_impulse_share"].values.min(axis=-1) < 0
     )

@@ -57,9 +57,9 @@ class Equation:
     """A row of `Equations`.
 
     - `formula`: the equation in symbols
-    - `numbers`: right-hand side with numbers, or ""
-    - `result`: the result, or None
-    - `label`: number of the equation, such as "F8", or ""
+    - `numbers`: right-hand side with numbers inserted; "" for none
+    - `result`: value of the right-hand side; None for none
+    - `label`: number of the equation in the documentation, such as "F8"; "" for none
     """
 
     formula: Formula
@@ -148,15 +148,17 @@ class SummaryRow:
     - `result`: one of `RESULTS`
     - `governs`: governing motion, story and time
     - `sensitivities`: the largest d ln U/d ln y of inputs y
-    - `spread`: range of U if one input at a time is decreased or increased by the spread of the file
+    - `spread`: range of U if one input at a time is multiplied by 1 − s or 1 + s, with s = `report.spread` of
+      the problem file
     - `reason`: why there is no value; replaces `governs`, `sensitivities` and `spread`
     - `section`: number of the section with the details
-    - `assumptions`: names of the violated assumptions, such as "A7", which are anchors in section 10
+    - `assumptions`: ids of the violated assumptions, such as "A7", which are anchors in section 10
     - `flags`: other short links beside the result
     - `clause`: clause that asks for the check
     - `is_target`: whether it is a design target
 
-    Raises `ValueError` for an unknown result, and for a missing id or text.
+    Raises `ValueError` for an unknown result, for a missing id or text, and for a utilisation of another
+    kind.
     """
 
     id: str
@@ -205,7 +207,7 @@ class SummaryRow:
 
 @dataclasses.dataclass(frozen=True)
 class Summary:
-    """The summary of checks, with at least one row. `note` explains the columns."""
+    """The summary of checks, with at least one row and different ids. `note` explains the columns."""
 
     rows: tuple[SummaryRow, ...]
     note: Text
@@ -284,10 +286,10 @@ class Page:
 
     - `title`: title of the project, the first heading
     - `head`: label → text, such as "Project", "Revision", "Author", "Date"
-    - `verdict`: first sentence, which states whether all checks pass
+    - `verdict`: first sentence, which states how many checks pass
     - `notices`: paragraphs below the verdict, such as violated assumptions
     - `sections`: the sections in the order of the page
-    - `is_verified`: whether all checks pass
+    - `is_verified`: whether every check passes, except those made by others
     - `subject`: line below the title
     - `origin`: label → text below `head`, such as "Problem file" and "Command"
     - `footer`: text at the foot of printed pages

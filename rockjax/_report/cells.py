@@ -20,7 +20,7 @@ def number_cell(
     """Return a cell with a number, or with `text` if the number is not finite.
 
     - `value`, `kind`: the number [SI], and what it measures, one of `units.KINDS`
-    - `error`: its estimated error [SI]; None, or not finite, if it is unknown
+    - `error`: estimated error of the number [SI]; None, or not finite, if it is unknown
     - `text`, `note`: text that replaces the number, and a second line in the cell
     """
     value = float(value)
@@ -33,8 +33,8 @@ def number_cell(
 def peak_cell(data: xarray.Dataset, k: int, value: Any, kind: str, error: Any = None) -> Quantity | TextCell:
     """Return a cell with a peak of a scene.
 
-    A text replaces the peak of a scene that did not finish, and an infinite peak, for which a joint opens. If
-    the columns overturn, the time of overturning is a note.
+    A text replaces the peak of a scene that did not finish, and a peak that is not finite, which means that a
+    joint opens. If the columns overturn, a note states the time of overturning.
 
     - `data`, `k`: peaks along `motion`, and the index of the scene
     - `value`, `kind`, `error`: as for `number_cell`

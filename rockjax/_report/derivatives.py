@@ -36,10 +36,11 @@ SlopesFunction = Callable[[], tuple[Any, Any]]
 def log_slopes(scenes: Scenes, entry: Entry, functions: Mapping[int, SlopesFunction]) -> xarray.Dataset:
     """Return the derivatives d ln(value)/d ln y of a check, with the dims `motion` and `parameter`.
 
-    The parameters y are the inputs of the structure and the factor on the motion.
+    The parameters y are the inputs of the structure and, if the check uses a set of motions, the factor on
+    the motion.
 
-    - `entry`: the check
-    - `functions`: index of a motion or pulse → function that returns its value and derivatives
+    - `scenes`: the scenes of the problem; `entry`: the check
+    - `functions`: index of a motion or pulse → function that returns the value under it and the derivatives
     """
     import xarray
 
@@ -70,16 +71,16 @@ def slopes_of(
     - `function`: function (podium, logs) ↦ value, with the logarithms `logs` of the factors, (n + 1,). The
       podium is already multiplied by its factors; the function itself applies the factor on the motion,
       exp(logs[-1])
-    - `jit`: whether to compile it as one program, instead of one program for each operation. Functions that
-      solve scenes need no jit
+    - `jit`: whether to compile the derivative as one program, instead of one program for each operation.
+      Functions that solve scenes need no jit
     """
     derivative = jax.value_and_grad(lambda logs: function(varied(problem, logs), logs))
     return lambda: (jax.jit(derivative) if jit else derivative)(jnp.zeros(len(problem.variables) + 1))
 
 
 def varied(problem: Problem, logs: Any) -> Podium:
-    """Return the structure with its inputs multiplied by factors, exact to first order in `logs`, (n + 1,).
-    The last factor belongs to the motion and has no effect here."""
+    """Return the structure with its inputs multiplied by the factors exp(logs), exact to first order in
+    `logs`, (n + 1,). The last factor belongs to the motion and has no effect here."""
     leaves, treedef = jax.tree.flatten(problem.podium)
     changed = [
         jnp.asarray(y, float) + J @ logs[:-1] for y, J in zip(leaves, problem.leaf_derivatives, strict=True)
@@ -88,8 +89,8 @@ def varied(problem: Problem, logs: Any) -> Podium:
 
 
 def scene_answers(scenes: Scenes, name: str, motion: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Return name of output → (value, derivatives) for a scene. The last axis of the derivatives runs over
-    the logarithms.
+    """Return name → (value, derivatives) for each differentiable answer of a scene, such as "peak_rotation".
+    The last axis of the derivatives runs over the logarithms.
 
     One solution gives the derivatives of all outputs. Motions of the same class and padded length share one
     compiled program.
@@ -124,10 +125,10 @@ def scene_answers(scenes: Scenes, name: str, motion: int) -> dict[str, tuple[np.
 def leaf_directions(
     problem: Problem, excitation: AbstractExcitation, with_elevation: bool
 ) -> list[np.ndarray]:
-    """Return the derivative of each leaf of (podium.split_rows(), excitation.common_form()) with respect to
+    """Return the derivatives of each leaf of (podium.split_rows(), excitation.common_form()) with respect to
     the logarithms, (n + 1,).
 
-    Solutions have derivatives with respect to scalar leaves only; the entries of other leaves are not used.
+    Solutions have derivatives with respect to scalar leaves only; the items for other leaves are not used.
 
     - `problem`, `excitation`: the problem, and the motion of the scene
     - `with_elevation`: whether the podium has its elevation
@@ -135,7 +136,7 @@ def leaf_directions(
     count, split = len(problem.variables), problem.split_derivatives
     of_podium = jax.tree.leaves(split if with_elevation else split.without_elevation())
     # Each leaf is constant or proportional to the factor, so its change from factor 1 to factor 2 is its
-    # derivative.
+    # derivative. Leaves that are not scalar are not used; the mean only turns them into one number.
     original, doubled = (jax.tree.leaves(excitation.scaled(factor).common_form()) for factor in (1.0, 2.0))
     of_motion = [np.mean(z) - np.mean(y) for y, z in zip(original, doubled, strict=True)]
     return [np.append(y, 0.0) for y in of_podium] + [np.append(np.zeros(count), y) for y in of_motion]

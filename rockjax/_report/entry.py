@@ -14,7 +14,7 @@ BOUNDS = ("limit", "at_least", "at_most")
 
 
 class CheckKeys(models.Keys):
-    """Keys of all checks."""
+    """Keys that all kinds of checks have."""
 
     kind: str = key(..., "Kind of the check.")
     id: str | None = key(None, "Identifier in the report; by default C1, C2 …, and T1, T2 … for targets.")
@@ -35,7 +35,7 @@ class Entry:
 
     - `id`: identifier; `kind`: name of the kind; `keys`: validated table of the entry
     - `arguments`: keys that only this kind has → values, or objects made from them, such as a class of pulses
-    - `motions`: name of the set of motions, or None
+    - `motions`: name of the set of motions; None for a check without one
     - `quantity`: what the value measures, one of `units.KINDS`; `limit`: limit [SI], 1 if the kind has none
     - `is_target`: whether it is a design target
     """

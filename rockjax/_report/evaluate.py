@@ -24,7 +24,7 @@ from .reading import read_problem
 from .scenes import Needs, NoProgress, Scenes
 from .store import Store
 
-ROUNDING = 8 * np.finfo(float).eps  # least relative error of a value
+ROUNDING = 8 * np.finfo(float).eps  # smallest relative error that a value is assumed to have
 SKIPPABLE = ("risk", "methods", "spread")  # valid names in `skip`
 
 
@@ -36,11 +36,13 @@ def evaluate(
     - `problem`: a [`rockjax.Problem`][], or the path of a problem file
     - `skip`: parts that are left out: `"risk"` (annual frequency, median capacity, failure probability),
       `"methods"` (the simplified methods) and `"spread"` (checks with each input decreased and increased)
-    - `store`: path of a file (.nc) for the results of scenes, which a later call reads instead of solving the
-      scenes again; None for no file
-    - `progress`: object with the methods `update(number_of_scenes)` and `describe(text)`, or None
+    - `store`: path of a file NAME.nc with the scenes of an earlier report, which are not solved again; None
+      for no file. `evaluate` does not write this file, but [`rockjax.report`][] of the evaluation does. If a
+      call takes long or is interrupted, it writes NAME.partial.nc, from which a later call continues
+    - `progress`: object with the methods `update(number_of_scenes)` and `describe(text)`; None shows nothing
 
-    Returns an [`rockjax.Evaluation`][]. Raises `ValueError` for invalid files and other names in `skip`.
+    Returns an [`rockjax.Evaluation`][]. Raises `ValueError` for an invalid problem file and for unknown names
+    in `skip`, and `OSError` if the file cannot be read.
     """
     if isinstance(problem, str | Path):
         problem = read_problem(problem)
@@ -72,7 +74,8 @@ def needs_of_sets(problem: Problem) -> dict[str, Needs]:
 
 
 def _evaluate(entry: Entry, scenes: Scenes, skip: tuple[str, ...]) -> Check:
-    """Evaluate an entry. If it raises an error, its result is NOT MADE and its reason is the error."""
+    """Return the check of an entry. If the evaluation raises an error, the result is NOT MADE, with the error
+    as the reason."""
     kind = KINDS[entry.kind]
     reason = kind.missing(entry, scenes.problem)
     if isinstance(kind, ByOthers):
@@ -88,7 +91,7 @@ def _evaluate(entry: Entry, scenes: Scenes, skip: tuple[str, ...]) -> Check:
 
 
 def _compute(entry: Entry, kind: Kind, scenes: Scenes) -> Check:
-    """Evaluate an entry that lacks no input."""
+    """Return the check of an entry whose inputs are all present."""
     values = kind.values(entry, scenes)
     value, error, governing = statistic_of(values, entry.keys.statistic, kind.is_minimum)
     utilisations = utilisations_of(value, error, entry.limit, kind.is_minimum, values.error_factor)
@@ -127,11 +130,13 @@ def _compute(entry: Entry, kind: Kind, scenes: Scenes) -> Check:
 
 
 def statistic_of(values: Values, statistic: str, is_minimum: bool) -> tuple[float, float, int]:
-    """Return the statistic of values, its error, and the index of the governing motion.
+    """Return the statistic of values [SI], its estimated error [SI], and the index of the governing value,
+    which is the largest value, or the least for a minimum.
 
     - `values`: values of a check; ±inf for scenes that overturn
-    - `statistic`: "max" (of the utilisation), "mean", "median" or "p84"
-    - `is_minimum`: whether the least value governs
+    - `statistic`: "max" (the governing value), "mean", "median", or "p84": the 84 % quantile, or the 16 %
+      quantile for a minimum
+    - `is_minimum`: whether the value must be at least the limit
     """
     y, errors = values.values, np.where(np.isfinite(values.errors), values.errors, 0.0)
     errors = np.maximum(errors, ROUNDING * np.abs(np.where(np.isfinite(y), y, 0.0)))
@@ -146,7 +151,8 @@ def statistic_of(values: Values, statistic: str, is_minimum: bool) -> tuple[floa
 
 
 def _quantile(y: np.ndarray, share: float) -> float:
-    """Return a quantile by linear interpolation; infinite if a value with nonzero weight is infinite."""
+    """Return a quantile by linear interpolation between the two nearest values; infinite if one of them with
+    a nonzero weight is infinite."""
     ordered = np.sort(y)
     position = share * (len(ordered) - 1)
     low, high = math.floor(position), math.ceil(position)
@@ -159,9 +165,10 @@ def _quantile(y: np.ndarray, share: float) -> float:
 def utilisations_of(
     value: float, error: float, limit: float, is_minimum: bool, error_factor: float = SAFETY
 ) -> tuple[float, float, float]:
-    """Return the least, estimated and largest utilisation for a value with an error [–].
+    """Return the least, the estimated and the largest utilisation [–] of a value with an error.
 
-    - `value`, `error`, `limit`: the value, its estimated error and its limit [SI]
+    - `value`, `error`, `limit`: the value, its estimated error and its limit [SI]; the error of an infinite
+      value is ignored
     - `is_minimum`: whether the value must be at least the limit
     - `error_factor`: the least and the largest utilisation belong to value ± `error_factor` · error
     """
@@ -171,7 +178,10 @@ def utilisations_of(
             return y / limit if math.isfinite(y) else math.inf
         if y == math.inf:
             return 0.0
-        return limit / y if y > 0 else (math.inf if limit > 0 else 0.0 if y >= limit else math.inf)
+        if y > 0:
+            return limit / y
+        # limit/y has no meaning for y ≤ 0: U is 0 if y satisfies the limit, else inf.
+        return math.inf if limit > 0 else 0.0 if y >= limit else math.inf
 
     shifts = (-error_factor * error, 0.0, error_factor * error) if math.isfinite(value) else (0.0,) * 3
     results = [utilisation(value + shift) for shift in shifts]
@@ -183,7 +193,7 @@ def decide(utilisations: tuple[float, float, float], is_unanswered: bool, is_vio
 
     - `utilisations`: least, estimated and largest utilisation, from `utilisations_of`
     - `is_unanswered`: whether a scene of the set is undecided or has no answer
-    - `is_violated`: whether an assumption is violated
+    - `is_violated`: whether an assumption that invalidates results is violated
     """
     least, _, largest = utilisations
     if least > 1:
@@ -194,14 +204,16 @@ def decide(utilisations: tuple[float, float, float], is_unanswered: bool, is_vio
 
 
 def _violated(kind: Kind, entry: Entry, scenes: Scenes) -> tuple[str, ...]:
-    """Return the ids, such as "A7", of the assumptions that a tested scene of a check violates."""
+    """Return the ids, such as "A7", of the assumptions in `INVALIDATING` that a tested scene of a check
+    violates."""
     data = kind.tested_scenes(entry, scenes)
     outcomes = {} if data is None else {y.id: y.test(scenes.problem, data) for y in INVALIDATING}
     return tuple(name for name, y in outcomes.items() if isinstance(y, Outcome) and y.violated.any())
 
 
 def _sensitivities(check: Check, scenes: Scenes) -> dict[str, float]:
-    """Return input → d ln U/d ln y for the governing motion, or for the mean of all motions."""
+    """Return input y → d ln U/d ln y, for the governing motion or, if the statistic is the mean, for the
+    mean; empty if there are no derivatives."""
     if check.governing is None or not math.isfinite(check.value) or check.value == 0:
         return {}
     assert check.values is not None
@@ -219,7 +231,7 @@ def _sensitivities(check: Check, scenes: Scenes) -> dict[str, float]:
 
 
 def _repeat(check: Check, scenes: Scenes, law: str | None = None, variation: str = "") -> Any:
-    """Evaluate a check again and return the result of `utilisations_of`, and the values.
+    """Evaluate a check for a changed structure. Return the result of `utilisations_of`, and the values.
 
     - `check`, `scenes`: the check, and the scenes of the problem
     - `law`, `variation`: law of impact and variation, as for `Kind.values`
@@ -231,14 +243,14 @@ def _repeat(check: Check, scenes: Scenes, law: str | None = None, variation: str
 
 
 def _spread(check: Check, scenes: Scenes) -> dict[str, tuple[float, float]]:
-    """Return input → (U with the input decreased, U with the input increased)."""
+    """Return input → (U with the input decreased, U with the input increased) [–]."""
     varied = {variation: _repeat(check, scenes, variation=variation)[0][1] for variation in scenes.variations}
     names = dict.fromkeys(variation[:-1] for variation in scenes.variations)
     return {name: (varied[f"{name}-"], varied[f"{name}+"]) for name in names}
 
 
 def _laws(check: Check, scenes: Scenes) -> dict[str, tuple[float, str]]:
-    """Return law of impact → (U, result)."""
+    """Return law of impact → (U [–], result if violated assumptions are ignored)."""
     laws = {}
     for law in scenes.problem.report.laws:
         utilisations, values = _repeat(check, scenes, law=law)

@@ -1,4 +1,4 @@
-"""Results of a report: checks, and the evaluation of a problem."""
+"""Results of a report: the check with its result, and the evaluation of all checks of a problem."""
 
 from __future__ import annotations
 
@@ -24,17 +24,21 @@ class Check:
     - `id`, `name`, `kind`, `clause`: as in the problem file; `is_target`: whether it is a design target
     - `motions`, `statistic`: name of the set of motions, and statistic over the set
     - `result`: `"PASS"`, `"FAIL"`, `"UNDECIDED"`, `"NOT VALID"`, `"NOT MADE"` or `"BY OTHERS"`
-    - `reason`: why there is no value, or which scenes have no answer; "" otherwise
+    - `reason`: why there is no value, or which scenes leave the result undecided, or a remark on the value;
+      "" for none
     - `violated`: ids of the assumptions that do not hold, such as `"A7"`
-    - `limit`, `value`, `error`: numbers [SI]; `value` is ±inf if a text replaces it, and NaN if it is missing
+    - `limit`, `value`, `error`: numbers [SI], NaN if missing; `value` is ±inf if a text replaces it, and
+      `error` is an estimate
     - `text`: text that replaces the value, such as "overturned at 5.85 s"; "" for a number
-    - `utilisation`: U = value/limit, or limit/value for a minimum [–]; inf if the columns overturn
-    - `governing`: index of the governing motion or pulse, or None; `location`: its storey, joint or time
-    - `values`: the values of all motions
-    - `sensitivities`: d ln U/d ln y for every input y and the factor on the motions; if empty, `no_slopes` is
-      the reason
+    - `utilisation`: U = value/limit, or limit/value for a minimum [–]; inf if the columns overturn, NaN
+      without a value
+    - `governing`: index of the motion or pulse with the governing value; None without a value, or if the set
+      has a single value. `location`: storey, joint, mode, block or time of the governing value; "" for none
+    - `values`: the values of all motions or pulses; None if the check was not made
+    - `sensitivities`: input y → d ln U/d ln y; "motion" is the factor on the motions. If there are none,
+      `no_slopes` is the reason
     - `spread`: input → (U with the input decreased, U with the input increased); empty if not computed
-    - `laws`: law of impact → (U, result)
+    - `laws`: law of impact → (U, result if violated assumptions are ignored); empty if not computed
     """
 
     entry: Entry
@@ -94,7 +98,8 @@ class Evaluation:
 
     - `problem`: the problem; `scenes`: its solved scenes
     - `checks`: a `Check` for every entry of `[[checks]]` and `[[targets]]`
-    - `assumptions`: set of motions → id of the assumption → `Outcome`, or why there is no test
+    - `assumptions`: set of motions → id of the assumption → `Outcome`, or why there is no test; for the sets
+      with a check that has a value
     - `skipped`: names of the parts that were left out
     - `make_tables`: function that returns the tables of an evaluation
     """

@@ -31,7 +31,7 @@ def mathml(name: str) -> str:
 
 
 def source(name: str) -> str:
-    """Return the number of the formula in the documentation, such as "(25)"; "" if it has none.
+    """Return the number of the equation in the documentation, such as "(25)"; "" for a formula without one.
 
     Raises `ValueError` for an unknown name.
     """

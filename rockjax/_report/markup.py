@@ -81,7 +81,7 @@ def formula(part: Formula) -> Markup:
 
 
 def second_line(content: Text, units: Units) -> Markup:
-    """Return a text as HTML for the second line of a cell; empty for an empty text."""
+    """Return a text as HTML for the second line of a cell; "" for an empty text."""
     return Markup("<small>{}</small>").format(text(content, units)) if content else Markup("")
 
 

@@ -1,4 +1,4 @@
-"""The page of a report: one HTML file without scripts and network requests.
+"""The page of a report: one HTML file without scripts or network requests.
 
 The template is `page.html.jinja`, the style `page.css`. Equal pages give equal bytes.
 """
@@ -63,7 +63,8 @@ def render(page: Page, units: Units) -> str:
 
 
 def css_string(text: str) -> str:
-    """Return a text as a CSS string; all characters but letters, digits, "_" and spaces are escaped."""
+    """Return a text for use within a CSS string. All characters are escaped, except letters, digits, "_" and
+    spaces."""
     return re.sub(r"[^\w ]", lambda match: f"\\{ord(match[0]) or 0xFFFD:06x} ", text)
 
 

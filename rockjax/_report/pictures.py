@@ -1,4 +1,4 @@
-"""Pictures of reports: figures as SVG inside a page, and the drawing of the structure to scale."""
+"""Pictures of reports: conversion of figures to SVG, and the drawing of the structure to scale."""
 
 from __future__ import annotations
 
@@ -52,17 +52,20 @@ def to_svg(figure: Figure, prefix: str, title: str, description: str) -> str:
     """Return a figure as SVG for a page, and close it.
 
     - `figure`: a matplotlib figure
-    - `prefix`: start of all ids in the SVG, unique on the page: lower-case letters, digits and "-"
+    - `prefix`: start of all ids in the SVG, unique on the page: lower-case letters, digits and "-", of which
+      the first is a letter
     - `title`: short title; `description`: text for readers who cannot see the figure
 
-    Text stays text, not outlines. Black becomes the text colour of the page, greys become this colour with an
-    opacity, and the colours of `VARIABLES` become variables of page.css. Equal figures give equal strings.
-    Raises `ValueError` for an invalid prefix.
+    Texts are not converted to outlines. Black becomes the text colour of the page, greys become this colour
+    with an opacity, and the colours of `VARIABLES` become variables of page.css. Equal figures give equal
+    strings. Raises `ValueError` for an invalid prefix.
     """
     import matplotlib.pyplot as plt
 
     if not re.fullmatch(r"[a-z][a-z0-9-]*", prefix):
-        raise ValueError(f"to_svg: prefix must have lower-case letters, digits and '-', got {prefix!r}")
+        raise ValueError(
+            f"to_svg: prefix must have lower-case letters, digits and '-', the first a letter; got {prefix!r}"
+        )
     target = io.StringIO()
     try:
         with plt.rc_context({"svg.fonttype": "none", "svg.hashsalt": prefix}):
@@ -122,14 +125,14 @@ def elevation_drawing(
 ) -> Figure:
     """Return a drawing to scale: the structure with dimensions and masses, and beside it one rotated column.
 
-    - `podium`: a single podium. Distances of columns have dimension lines only if it has an elevation,
-      stories only if it has their heights
-    - `units`: units of the numbers
+    - `podium`: a single podium. The drawing has dimension lines for the distances of columns only if the
+      podium has an elevation, and for stories only if it has story heights
+    - `units`: units of the numbers in the drawing
     - `column_mass`: mass of one column [kg]; None omits all masses
-    - `columns`: number of columns N of a podium without an elevation
-    - `rotation`: rotation of the column beside the structure [rad], of which at most α is drawn; None for an
-      upright column
-    - `label`: source of the rotation, such as "motion 9"
+    - `columns`: number of columns N, for a podium without an elevation
+    - `rotation`: rotation of the column beside the structure [rad], drawn as at most α; None for an upright
+      column
+    - `label`: source of the rotation, such as "motion 9"; "" for none
     """
     import matplotlib.pyplot as plt
 
@@ -204,11 +207,11 @@ def _draw_structure(ax: Axes, podium: Podium, units: Units, column_mass: float |
 def _column_positions(
     podium: Podium, width: float, height: float, columns: int
 ) -> tuple[np.ndarray, int, bool]:
-    """Return the distinct positions x of columns [m], the number of columns, and whether the positions come
-    from the podium.
+    """Return the distinct positions x of columns [m], the number of columns, and whether the positions are
+    those of the podium, not invented for the drawing.
 
-    - `podium`: the structure; `width`, `height`: of a column [m]
-    - `columns`: number of columns of a podium without an elevation
+    - `podium`: the structure; `width`, `height`: size of a column [m]
+    - `columns`: number of columns, for a podium without an elevation
     """
     if podium.elevation is None:
         spacing = max(0.9 * height, 2.5 * width)
@@ -219,8 +222,8 @@ def _column_positions(
 
 
 def _floors(podium: Podium, height: float, total_column_mass: float) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Return heights of the floors above the beam [m], their masses [kg], and whether the heights come from
-    the podium.
+    """Return heights of the floors above the beam [m], masses of the floors [kg], and whether the heights are
+    those of the podium, not invented for the drawing.
 
     A superstructure that is not a `ShearBuilding` is drawn as one mass.
     """
@@ -247,7 +250,8 @@ def _rounded_mass(mass: float) -> float:
 
 
 def _mass_notes(levels: Sequence[float], masses: Sequence[str]) -> list[tuple[float, str]]:
-    """Return heights and texts of masses. With more than 12 floors, consecutive equal masses share a text."""
+    """Return heights [m] and texts of masses. With more than 12 floors, adjacent equal masses share a
+    text."""
     if len(masses) <= _MARKED_FLOORS:
         return list(zip(levels, masses, strict=True))
     notes, start = [], 0
@@ -262,7 +266,8 @@ def _mass_notes(levels: Sequence[float], masses: Sequence[str]) -> list[tuple[fl
 def _story_dimensions(
     base: float, levels: np.ndarray, length_text: Callable[[float], str]
 ) -> list[tuple[float, float, str]]:
-    """Return ends and texts of the dimension lines of stories; consecutive equal stories share a line."""
+    """Return (lower end, upper end, text) of the dimension lines of stories. Adjacent equal stories share a
+    line."""
     ends = [base, *map(float, levels)]
     heights = [length_text(upper - lower) for lower, upper in itertools.pairwise(ends)]
     dimensions, start = [], 0
@@ -335,7 +340,8 @@ def _draw_text(ax: Axes, x: float, y: float, text: str) -> None:
 def _draw_dimension(
     ax: Axes, start: tuple[float, float], end: tuple[float, float], text: str, *, is_short: bool = False
 ) -> None:
-    """Draw a dimension line with oblique ticks, and its text above a horizontal or left of a vertical line.
+    """Draw a dimension line with oblique ticks. The text is above a horizontal line, or to the left of a
+    vertical one.
 
     - `ax`: axes to draw into; `start`, `end`: ends of the line (x, y) [m]; `text`: the text
     - `is_short`: whether the text of a vertical line is horizontal, because it is longer than the line

@@ -23,7 +23,7 @@ from rockjax._structures import Podium
 
 from .entry import Entry
 
-# Inputs that are counts, which cannot vary.
+# Inputs that are counts and so cannot be multiplied by a factor.
 COUNTS = ("columns", "stories", "modes", "superstructure.stories", "superstructure.modes")
 
 
@@ -31,7 +31,8 @@ COUNTS = ("columns", "stories", "modes", "superstructure.stories", "superstructu
 class MotionSet:
     """A named set of motions.
 
-    - `name`, `label`: key under `[motions]`, and label from `[report]`
+    - `name`: key under `[motions]`; `label`: label from the table `motions` of `[report]`, by default the
+      name
     - `members`: records (`Motion`) or pulses; `names`: a unique name for each
     """
 
@@ -62,7 +63,8 @@ class MotionSet:
 
     @functools.cached_property
     def hashes(self) -> tuple[str, ...]:
-        """SHA-256 of the samples of each motion, or of the parameters of each pulse."""
+        """SHA-256 of the samples of each record (for two components, two hashes joined by "+"), or of the
+        class and the parameters of each pulse."""
 
         def hash_of(member: Any) -> str:
             if not isinstance(member, Motion):
@@ -77,8 +79,8 @@ class MotionSet:
 
     @property
     def identities(self) -> tuple[str, ...]:
-        """Text for each motion that changes whenever its answers may change: the hash, and the sampling
-        intervals of a record."""
+        """A text for each motion, which changes whenever the response to the motion may change: the hash, and
+        the sampling intervals of a record."""
 
         def intervals(member: Any) -> list[float]:
             components = (member, member.vertical) if isinstance(member, Motion) else ()
@@ -92,8 +94,9 @@ class MotionSet:
 class Input:
     """An input of the structure.
 
-    - `key`: key, such as `width` or `superstructure.T_s`; `value`: value or list of values
-    - `source`: source that the file states, or None
+    - `key`: key under `[structure]`, such as `width` or `superstructure.T_s`; `value`: value or list of
+      values
+    - `source`: source that the file states in `[sources]`, or None
     """
 
     key: str
@@ -141,7 +144,7 @@ class Problem:
         return hashlib.sha256(self.text.encode()).hexdigest()
 
     def varied(self, factors: Mapping[str, Any]) -> Podium:
-        """Return the structure with inputs multiplied by factors; traceable.
+        """Return the structure with inputs multiplied by factors, which JAX may trace.
 
         - `factors`: key of an input → factor, which applies to all values of a list
         """
@@ -149,13 +152,13 @@ class Problem:
 
     @property
     def variables(self) -> tuple[str, ...]:
-        """Keys of the inputs that can vary."""
+        """Keys of the inputs that can be multiplied by a factor."""
         return tuple(entry.key for entry in self.inputs if entry.varies)
 
     @property
     def leaf_derivatives(self) -> list[Any]:
-        """Derivatives of the leaves of `podium` with respect to ln y. The last axis runs over the inputs y in
-        `variables`."""
+        """Derivatives of the leaves of `podium` with respect to the logarithms ln y of the inputs y in
+        `variables`, over which the last axis runs."""
         return self._derivatives[0]
 
     @property
@@ -176,7 +179,7 @@ class Problem:
 
     @property
     def story_heights(self) -> np.ndarray | None:
-        """Heights of the stories [m], or None."""
+        """Heights of the stories [m], (stories,); None if the structure has none."""
         heights = getattr(self.structure, "story_heights", None)
         if heights is None:
             heights = getattr(self.podium.superstructure, "heights", None)
@@ -190,7 +193,8 @@ class Problem:
 
 
 def podium_with(structure: models.ByRatios | models.ByDimensions, factors: Mapping[str, Any]) -> Podium:
-    """Return the podium of a table whose values are multiplied by factors (input → factor); traceable."""
+    """Return the podium of a table whose values are multiplied by factors (input → factor), which JAX may
+    trace."""
     changes: dict[str, Any] = {}
     nested: dict[str, dict[str, Any]] = {}
 
@@ -202,7 +206,7 @@ def podium_with(structure: models.ByRatios | models.ByDimensions, factors: Mappi
         if table:
             owner = getattr(structure, table)
             nested.setdefault(table, {})[inner] = scaled(getattr(owner, inner), factor)
-        elif name == "tan_alpha":
+        elif name == "tan_alpha":  # `Reader.structure` cannot convert a traced tan α
             changes["alpha"] = jnp.arctan(scaled(getattr(structure, name), factor))
             changes["tan_alpha"] = None
         else:

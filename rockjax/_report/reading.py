@@ -1,4 +1,4 @@
-"""Read problem files for reports."""
+"""Reading of problem files for reports."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ def read_problem(path: str | Path) -> Problem:
 
     - `path`: a TOML file with `[structure]`, `[motions.NAME]`, and `[[checks]]` or `[[targets]]`
 
-    Returns a [`rockjax.Problem`][]. Raises `ValueError`, which names the file, the key, the cause and
-    the cure, and `OSError` if the file cannot be read.
+    Returns a [`rockjax.Problem`][]. Raises `ValueError` for an invalid file, with the key, the cause and the
+    cure, and `OSError` if the file cannot be read.
     """
     path = Path(path)
     return problem_of(load_table(path), path)
 
 
 def problem_of(table: Mapping[str, Any], path: Path) -> Problem:
-    """Return the problem of a table.
+    """Return the problem that a table describes. Raises `ValueError` as `read_problem` does.
 
     - `table`: contents of a problem file, in which the command line may have replaced some values
     - `path`: path of the file, whose folder is the base of relative paths
@@ -44,7 +44,9 @@ def problem_of(table: Mapping[str, Any], path: Path) -> Problem:
     reader = Reader(path)
     file = reader.check(models.Problem, table)
     if file.structure is None:
-        reader.fail("structure", "is missing; a report needs the structure, by ratios or by dimensions")
+        reader.fail(
+            "structure", "is missing; a report needs the table [structure], with ratios or dimensions"
+        )
     podium = reader.structure(file.structure)
     sets = {}
     for name in file.motions:
@@ -86,7 +88,7 @@ def problem_of(table: Mapping[str, Any], path: Path) -> Problem:
 
 
 def _name(member: Any) -> str:
-    """Return the name of a record, or a name for a pulse from its parameters."""
+    """Return the name of a record, or for a pulse a name such as "Ricker(2, 0.5)"."""
     if isinstance(member, Motion):
         return member.name
     values = ", ".join(f"{float(y):.4g}" for y in jax.tree.leaves(member))
@@ -94,7 +96,7 @@ def _name(member: Any) -> str:
 
 
 def _inputs(structure: models.Keys) -> Iterator[tuple[str, Any]]:
-    """Yield key and value of every input of a structure; keys of inner tables are `table.key`."""
+    """Yield key and value of every input of a structure; a key of an inner table has the form "table.key"."""
     for name, value in structure.as_arguments().items():
         if isinstance(value, models.Keys):
             yield from ((f"{name}.{inner}", y) for inner, y in value.as_arguments().items())
@@ -124,7 +126,7 @@ def read_checks(
     - `podium`: the structure
     - `parts`: names of the lists of tables to read, in this order
 
-    Raises `ValueError`, which names the file, the key and the cause.
+    Raises `ValueError` for an invalid entry, with the file, the key and the cause.
     """
     used_ids: set[str] = set()
     for part in parts:
@@ -154,14 +156,14 @@ def _entry(
     where: str,
     given: Mapping[str, Any],
 ) -> Entry:
-    """Return an entry in which `id` and `motions` do not have their defaults yet.
+    """Return an entry; `id`, `motions` and `is_target` do not have their final values yet.
 
     - `reader`, `table`, `file`, `podium`: as for `read_checks`
-    - `where`, `given`: key and table of the entry
+    - `where`: key of the entry, such as "checks[0]"; `given`: table of the entry
     """
     name = given.get("kind")
     if name is None:
-        raise ValueError("kind is missing")
+        raise ValueError(f"kind is missing; the kinds are {', '.join(KINDS)}")
     if name not in KINDS:
         near = difflib.get_close_matches(str(name), KINDS, 1)
         hint = f"did you mean {near[0]}?" if near else f"the kinds are {', '.join(KINDS)}"
@@ -177,13 +179,22 @@ def _entry(
 
 
 def _resolve(table: Mapping[str, Any], name: str, value: Any) -> Any:
-    """Return the number to which a limit such as "joints.friction" refers; other values are unchanged. Raises
-    `ValueError` if the key has no number."""
+    """Return the number at the key that a limit such as "joints.friction" names; return other values
+    unchanged.
+
+    - `table`: contents of the problem file
+    - `name`, `value`: key and value in the table of the check
+
+    Raises `ValueError` if the file has no finite number at the key.
+    """
     if name not in BOUNDS or not isinstance(value, str):
         return value
     number: Any = table
     for part in value.split("."):
         number = number.get(part) if isinstance(number, dict) else None
     if not isinstance(number, int | float) or isinstance(number, bool) or not math.isfinite(number):
-        raise ValueError(f"{name} must be a number or a key of this file, got {value!r}")
+        raise ValueError(
+            f"{name} must be a number or a key of this file with a number, such as 'joints.friction'; "
+            f"got {value!r}"
+        )
     return float(number)

@@ -1,4 +1,4 @@
-"""Reports: an evaluation as a page and as files."""
+"""Design reports: the results of an evaluation as a page, which can be written to files."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Report:
     """A report, from [`rockjax.report`][].
 
     - `evaluation`: the checks and their scenes
-    - `page`: contents of the page [SI]; `units`: units in which the page shows them
+    - `page`: content of the page, with numbers in SI; `units`: units in which the page shows the numbers
     - `written`: paths of the files that were written
     """
 
@@ -51,18 +51,19 @@ class Report:
 
     @property
     def verified(self) -> bool:
-        """True if every check passes."""
+        """True if every check passes, except those made by others; False if all are made by others."""
         return self.evaluation.is_verified
 
     def to_csv(self, folder: str | Path) -> list[Path]:
-        """Write a CSV file for each table into a folder. Return their paths."""
+        """Write a CSV file for each table into a folder, which is made if needed. Return the paths of the
+        files."""
         return [
             write_atomically(Path(folder) / name, _writer(content))
             for name, content in self._encoded("csv").items()
         ]
 
     def to_xlsx(self, path: str | Path) -> Path:
-        """Write a workbook with a sheet for each table. Return its path.
+        """Write an XLSX file with a sheet for each table. Return its path.
 
         Raises `ValueError`, with the command to install XlsxWriter, if XlsxWriter is missing.
         """
@@ -103,15 +104,17 @@ def report(
 
     - `problem`: path of a problem file, a [`rockjax.Problem`][], or an [`rockjax.Evaluation`][]
     - `output`: path of the page, NAME.html. NAME.json (all numbers in SI) and NAME.nc (all scenes) are
-      written beside it; scenes that NAME.nc already has are not solved again. None writes nothing
-    - `units`: units of the page, at most one for each kind, such as "kN,m,deg,g,mm"; by default those of
-      the file
+      written beside it; scenes that NAME.nc already has are not solved again. For an `Evaluation`, the file
+      of scenes is its `store` instead of NAME.nc. None writes nothing
+    - `units`: units of the page, such as "kN,m,deg,g,mm": at most one for each kind of quantity, and two for
+      lengths, of which the larger applies to dimensions and the smaller to displacements. By default, the
+      units of the file, or "kN,m,deg,g,mm" if the file states none
     - `skip`, `progress`: as for [`rockjax.evaluate`][]; unused for an `Evaluation`
-    - `command`: the command line that makes the report, shown at the head of the page
+    - `command`: the command line that makes the report, shown at the head of the page; "" for none
 
-    Returns a [`rockjax.Report`][]. Raises `ValueError` for an invalid file, for unknown units, and for an
-    `output` that is not .html; the error comes before anything is solved. For a PDF, print the page from a
-    browser.
+    Returns a [`rockjax.Report`][]. Raises `ValueError` for an invalid problem file, for unknown units, and
+    for an `output` whose suffix is neither .html nor .htm, before anything is solved; and `OSError` for files
+    that cannot be read or written. For a PDF, print the page from a browser.
     """
     path = None if output is None else Path(output)
     if path is not None and path.suffix.lower() not in (".html", ".htm"):

@@ -38,19 +38,22 @@ MAX_SCALE = 10.0  # largest factor in the search for overturning
 JUST_BELOW = 1 - 1e-6  # a boundary times this factor gives a scene just below the boundary
 # The search for the end of a window of overturning evaluates these multiples of the least overturning factor.
 WINDOW_FACTORS = 1 + np.geomspace(1e-6, 1.0, 32)
-BOUNDARY_ERROR = 1e-9  # relative error of overturning factors at the tolerances of boundaries
+BOUNDARY_ERROR = 1e-9  # relative error of overturning factors from scenes with `boundary_options`
 
 
 def least_factors(scenes: Scenes, name: str, event: str) -> xarray.Dataset:
-    """Return the least factor that lifts or overturns the columns, with an estimate of its error, for each
-    motion of a set along `motion`.
-
-    Above the least overturning factor, scenes overturn up to the factor `survives_from`, and again from
-    `overturns_again_from`. These two factors are searched up to twice the least factor. They are NaN if they
-    are not found. Narrow windows may be missed.
+    """Return the least factor that lifts or overturns the columns, for each motion of a set along `motion`.
 
     - `scenes`: the scenes of the problem
     - `name`: name of the set; `event`: "uplift" or "overturning"
+
+    The variables of the dataset are `factor` and its estimated `error`; the attribute `limit` is the largest
+    factor searched. For a motion that does not overturn the columns up to this limit, `factor` is inf and
+    `error` is NaN. For overturning there are two more variables: from `factor` on, scenes overturn up to the
+    factor `survives_from`, and again from `overturns_again_from`. These two are searched up to twice
+    `factor`, and are NaN if they are not found. Narrow windows may be missed.
+
+    Raises `RuntimeError` if uplift starts at a factor that is too small to be found.
     """
     motions, podium, options = scenes.motion_set(name), scenes.problem.podium, scenes.problem.options
     inputs_hash = fingerprint(podium, motions.identities, options, event, MAX_SCALE, WINDOW_FACTORS)
@@ -59,7 +62,8 @@ def least_factors(scenes: Scenes, name: str, event: str) -> xarray.Dataset:
 
 
 def just_below(factors: np.ndarray, end: float = MAX_SCALE) -> np.ndarray:
-    """Return factors just below the boundaries `factors`, or the `end` of the search where none was found."""
+    """Return factors just below the boundaries `factors`, or `end`, the end of the search, where `factors` is
+    not finite because no boundary was found."""
     return np.where(np.isfinite(factors), JUST_BELOW * factors, end)
 
 
@@ -93,7 +97,10 @@ def _estimate_uplift_factors(scenes: Scenes, motions: MotionSet) -> np.ndarray:
         if not np.any(peaks.uplifted):
             return factors / np.asarray(peaks.uplift_ratio)
         factors = np.where(peaks.uplifted, factors / 3, factors)
-    raise RuntimeError(f"report: no factor keeps the columns of {motions.name} in contact")
+    raise RuntimeError(
+        f"report: a motion of {motions.name} lifts the columns even if multiplied by "
+        f"{3 * factors.min():.2g}; check the unit of the motions"
+    )
 
 
 def _overturning(scenes: Scenes, motions: MotionSet) -> xarray.Dataset:
@@ -124,11 +131,11 @@ def _scaled_motions(podium: Podium, motions: MotionSet) -> Plane:
 
 
 def _window_ends(plane: Plane, factors: np.ndarray, options: Options) -> tuple[np.ndarray, np.ndarray]:
-    """Return the factors at which the first window of overturning ends and the next one begins, NaN where
-    there is none.
+    """Return the factors at which the first window of overturning ends, and those at which the next window
+    begins, each (motions,); NaN where none was found.
 
     - `plane`: result of `_scaled_motions`
-    - `factors`: the least factors that overturn, shape (motions,), inf where none does
+    - `factors`: the least overturning factors, (motions,), inf where no factor overturns
     - `options`: options of the scenes
     """
     overturning = np.flatnonzero(np.isfinite(factors))  # indices of the motions
@@ -145,6 +152,7 @@ def _window_ends(plane: Plane, factors: np.ndarray, options: Options) -> tuple[n
     survives, points = margin > 0, np.arange(WINDOW_FACTORS.size)
     first = np.argmax(survives, axis=1)  # 0 if no point survives
     again = np.argmax(~survives & (points > first[:, None]), axis=1)  # 0 if all later points survive
+    # Both changes of the outcome lie between a point that survives and a neighbour that overturns.
     for change, (survivor, other) in enumerate(((first, first - 1), (again - 1, again))):
         found = np.flatnonzero((first > 0) & ((again > 0) | (change == 0)))
         if found.size:
@@ -164,8 +172,8 @@ def boundary_options(problem: Problem) -> Options:
 
 
 def least_factor_slopes(scenes: Scenes, event: str, name: str, motion: int) -> SlopesFunction:
-    """Return a function that computes the least factor on a motion, and its derivatives with respect to the
-    logarithms of `derivatives.py`.
+    """Return a function that computes the least factor on a motion, and its derivatives (n + 1,) with respect
+    to the logarithms that `derivatives.py` defines.
 
     - `scenes`: the scenes of the problem
     - `event`: "uplift" or "overturning"
@@ -187,7 +195,10 @@ def least_factor_slopes(scenes: Scenes, event: str, name: str, motion: int) -> S
 
 def _overturning_slopes(problem: Problem, excitation: AbstractExcitation, factor: float) -> np.ndarray:
     """Return the derivatives (n + 1,) of the least overturning factor on a motion with respect to the
-    logarithms of `derivatives.py`."""
+    logarithms that `derivatives.py` defines.
+
+    - `excitation`, `factor`: the motion, and the least factor on it that overturns
+    """
     podium = problem.podium.split_rows().without_elevation()
     options = boundary_options(problem)
     slopes, positions = boundary_slopes(podium, excitation, factor, MAX_SCALE, options)

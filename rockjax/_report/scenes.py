@@ -65,24 +65,26 @@ class Scenes:
 
     @functools.cached_property
     def variations(self) -> tuple[str, ...]:
-        """Names of the variations: "width-" multiplies the input `width` by 1 − spread, "width+" by 1 +
-        spread; "motion-" and "motion+" multiply all motions. Empty unless `with_spread`."""
+        """Names of the variations. With the number `spread` of `[report]`, "width-" multiplies the input
+        `width` by 1 − spread and "width+" by 1 + spread; "motion-" and "motion+" multiply all motions. Empty
+        unless `with_spread`."""
         names = (*self.problem.variables, "motion") if self.with_spread else ()
         return tuple(f"{name}{sign}" for name in names for sign in "-+")
 
     @functools.cached_property
     def laws(self) -> tuple[str, ...]:
-        """The laws of impact of `[report]` that differ from the structure's own."""
+        """The laws of impact in `[report]` that differ from the law of the structure."""
         own = fingerprint(self.problem.podium)
         return tuple(law for law in self.problem.report.laws if fingerprint(self.podium(law)) != own)
 
     def factors(self, variation: str) -> dict[str, float]:
-        """Return input → factor of a variation, such as {"width": 1.05} for "width+"."""
+        """Return input → factor of a variation, such as {"width": 1.05} for "width+"; empty for ""."""
         spread = self.problem.report.spread
         return {variation[:-1]: 1 + spread if variation[-1] == "+" else 1 - spread} if variation else {}
 
     def _podium(self, law: str | None = None, variation: str = "") -> Podium:
-        """Return the structure with a law of impact (None for its own) and a variation ("" for none)."""
+        """Return the structure with another law of impact (None for no change) and a variation ("" for
+        none)."""
         factors = {name: y for name, y in self.factors(variation).items() if name != "motion"}
         podium = self.problem.varied(factors) if factors else self.problem.podium
         return podium if law is None else podium.replace(restitution=law)
@@ -98,7 +100,8 @@ class Scenes:
         return tuple(name for name in self.problem.motions if name in used)
 
     def outputs(self, name: str) -> tuple[str, ...]:
-        """Return the outputs of the scenes of a set, for the tables of the page and for the checks."""
+        """Return the outputs of the scenes of a set: those that the page shows and those that the checks
+        need."""
         needed = self.needed.get(name, Needs()).outputs
         return tuple(dict.fromkeys((*suitable_outputs(self.problem.podium), *needed)))
 
@@ -116,7 +119,7 @@ class Scenes:
     ) -> xarray.Dataset:
         """Return the peaks of the scenes of a set, along `motion`.
 
-        - `name`: the set; `law`: one of the laws of `[report]`, or None for the structure's own
+        - `name`: the set; `law`: one of the laws of `[report]`, or None for the law of the structure
         - `variation`: one of `variations`, or ""; `factor`: factor on all motions
         """
         if variation:
@@ -186,8 +189,10 @@ class Scenes:
         """Return peaks with the estimated errors of blocks and oscillators on floors.
 
         The error is the difference from a second solution, and inf where a block overturns in only one of the
-        two solutions. The arguments are the peaks, and the motions, options and objects on floors of their
-        scenes.
+        two solutions.
+
+        - `data`: the peaks, along `motion`
+        - `excitations`, `options`, `on_floors`: motions, options, and objects on floors of the scenes
         """
         if not on_floors:
             return data
@@ -240,7 +245,10 @@ class Scenes:
         return self.peaks_under(label, self.options(name), excitations)
 
     def peaks_under(self, label: str, options: Options, excitations: Sequence[Any]) -> xarray.Dataset:
-        """Return the peaks of excitations, along `motion`; `label`: name in the store."""
+        """Return the peaks of the structure under excitations, along `motion`.
+
+        - `label`: name in the store; `options`: options of the scenes
+        """
         podium = self.problem.podium
         inputs_hash = fingerprint(podium, excitations, options)
 
@@ -252,7 +260,8 @@ class Scenes:
 
     # ---------------------------------------------------------------------------------------------- histories
     def history(self, name: str, motion: int) -> xarray.Dataset:
-        """Return the response history under a motion of a set, as [`rockjax.Response.dataset`][]."""
+        """Return the response history under the motion `motion` (an index) of a set, in the form of
+        [`rockjax.Response.dataset`][]; with the joint forces if the podium has an elevation."""
         from rockjax._responses.response import with_joints
         from rockjax._responses.simulate import simulate
 
@@ -270,7 +279,9 @@ class Scenes:
 
 
 def _suffix(factor: float) -> str:
-    """Return the ending of names in the store for scenes with a factor on the motions."""
+    """Return the ending of names in the store for scenes with a factor on the motions; "" for the factor
+    1."""
+    # Without dots, which would separate parts of the name; see `Store.get`.
     return "" if factor == 1 else f".times {factor!r}".replace(".", " ")
 
 

@@ -1,4 +1,4 @@
-"""Storage of the results of a report, so that a repeated report does not compute them again."""
+"""Storage of computed datasets in a file, so that a repeated report does not compute them again."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ MIN_WRITE_INTERVAL = 30.0  # least time between two writes of an unfinished stor
 
 
 class Store:
-    """Datasets by name, each with a fingerprint of its inputs.
+    """Datasets by name, each with the fingerprint of its inputs.
 
-    - `path`: file of the datasets; None keeps them in memory
+    - `path`: file (.nc) of the datasets; datasets that it already has are read. None keeps all in memory
     """
 
     def __init__(self, path: Path | None = None):
@@ -51,7 +51,8 @@ class Store:
             self._load(candidate)
 
     def _load(self, path: Path) -> None:
-        """Read the datasets of an earlier report; ignore damaged files, and files of other kinds."""
+        """Read the datasets of an earlier report from a file; ignore a file that is missing, damaged or of
+        another kind."""
         if not path.exists():
             return
         import xarray
@@ -94,7 +95,7 @@ class Store:
 
     @contextlib.contextmanager
     def saved_on_interruption(self) -> Iterator[None]:
-        """Write an unfinished store if the block is left by an exception, such as Ctrl-C."""
+        """Write an unfinished store if an exception, such as Ctrl-C, ends the `with` block."""
         try:
             yield
         except BaseException:
@@ -102,13 +103,15 @@ class Store:
             raise
 
     def save_unfinished(self) -> None:
-        """Write the datasets to NAME.partial.nc, from which a later run continues the report."""
+        """Write the datasets to NAME.partial.nc, from which a later run continues the report. Do nothing
+        without a path, or if no dataset was computed."""
         if self.path is not None and self.computed:
             self._write(_partial(self.path))
         self.last_write = time.monotonic()
 
     def save(self) -> Path | None:
-        """Write all datasets to the file, and remove the partial file. Return the path."""
+        """Write all datasets to the file, unless it has them already, and remove the partial file. Return the
+        path; None if there is no file."""
         if self.path is None:
             return None
         if self.computed or not self.path.exists():
@@ -128,7 +131,7 @@ class Store:
 
 
 def dataset_of(arrays: Mapping[str, Any]) -> xarray.Dataset:
-    """Return arrays as variables of a dataset. Each array has its own dims."""
+    """Return a dataset of arrays (name → array) that share no dimensions."""
     import xarray
 
     values = {name: np.asarray(y) for name, y in arrays.items()}

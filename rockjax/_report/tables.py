@@ -48,7 +48,7 @@ class Quantity:
 
     - `value`: finite number [SI]
     - `kind`: what the number measures, one of `units.KINDS`
-    - `error`: estimate of the numerical error [SI]; None if there is none
+    - `error`: estimate of the error [SI]; None if it is unknown
     - `is_input`: whether it is an input, which is shown without trailing zeros
     - `note`: a second line in the cell, such as the time of the value
 
@@ -126,7 +126,7 @@ class Series:
 
 @dataclasses.dataclass(frozen=True)
 class Formula:
-    """A formula of `formulas.json`, by its name. Raises `ValueError` for an unknown name."""
+    """The formula `name` of `formulas.json`. Raises `ValueError` for an unknown name."""
 
     name: str
 
@@ -200,15 +200,17 @@ class Column:
 class Table:
     """A table of a report.
 
-    - `name`: name of the file, sheet and JSON entry, unique in a report: lower-case letters, digits and "-"
+    - `name`: name of the file, sheet and JSON entry, unique in a report: lower-case letters, digits and "-",
+      of which the first is a letter
     - `caption`: title above the table
     - `columns`: the columns; the cells of the first column are the headings of the rows
-    - `rows`: at least one row, each with a cell for every column; a string is a `TextCell`
+    - `rows`: at least one row, each with a cell for every column; a text becomes a `TextCell`
     - `governing`: indices of highlighted rows
-    - `ids`: an anchor for every row, such as "A7", of letters, digits, "-" and "."; empty for no anchors
+    - `ids`: an anchor for every row, such as "A7": letters, digits, "-" and ".", of which the first is a
+      letter; empty for no anchors
 
     Raises `ValueError` for a table without rows, a row with more or fewer cells than columns, a quantity of
-    another kind than its column, and invalid cells.
+    another kind than its column, and other invalid fields.
     """
 
     name: str
@@ -220,7 +222,10 @@ class Table:
 
     def __post_init__(self) -> None:
         if not re.fullmatch(r"[a-z][a-z0-9-]*", self.name):
-            raise ValueError(f"Table: name must have lower-case letters, digits and '-', got {self.name!r}")
+            raise ValueError(
+                "Table: name must have lower-case letters, digits and '-', the first a letter; "
+                f"got {self.name!r}"
+            )
         caption = checked_text(self.caption, f"Table {self.name}: caption")
         columns = tuple(self.columns)
         rows = tuple(tuple(_cell(cell) for cell in row) for row in self.rows)
@@ -241,10 +246,14 @@ class Table:
             raise ValueError(f"Table {self.name}: {len(self.ids)} ids for {len(rows)} rows")
         if not all(re.fullmatch(r"[A-Za-z][A-Za-z0-9.-]*", anchor) for anchor in self.ids):
             raise ValueError(
-                f"Table {self.name}: ids must have letters, digits, '-' and '.', got {', '.join(self.ids)}"
+                f"Table {self.name}: ids must have letters, digits, '-' and '.', the first a letter; got "
+                f"{', '.join(self.ids)}"
             )
         if not all(0 <= index < len(rows) for index in self.governing):
-            raise ValueError(f"Table {self.name}: governing must be numbers of rows, got {self.governing}")
+            raise ValueError(
+                f"Table {self.name}: governing must hold indices of rows from 0 to {len(rows) - 1}, "
+                f"got {self.governing}"
+            )
         for name, value in {"caption": caption, "columns": columns, "rows": rows}.items():
             object.__setattr__(self, name, value)
 
@@ -259,9 +268,9 @@ class Table:
     ) -> Table:
         """Return a table from headings with kinds and rows of cells.
 
-        - `name`, `caption`, `options`: fields of the table
-        - `columns`: heading → kind
-        - `rows`: cells; a plain number is a `Quantity` of the column's kind, a string is a `TextCell`
+        - `name`, `caption`: fields of the table; `options`: its other fields, such as `ids`
+        - `columns`: heading → kind of the numbers, or None; see `Column`
+        - `rows`: cells; a plain number becomes a `Quantity` of the column's kind, a text becomes a `TextCell`
 
         Raises `ValueError` as the constructor does, and for a number in a column without a kind.
         """
@@ -281,8 +290,9 @@ class Table:
 def format_number(quantity: Quantity, units: Units) -> str:
     """Return the digits of a quantity in the units of a page, without unit and error.
 
-    Numbers have four significant digits, fewer if the error affects earlier digits. Inputs have no trailing
-    zeros. Utilisations have two decimals, or as many more as distinguish them from 1.
+    Numbers have four significant digits, or fewer, so that the last one is the first digit of the error.
+    Inputs have up to six significant digits, without trailing zeros. Counts have no decimals. Utilisations
+    have two decimals, or as many more as distinguish them from 1; four significant digits from 1000 on.
     """
     value = units.show(quantity.value, quantity.kind)
     digits = KINDS[quantity.kind].digits
@@ -377,7 +387,7 @@ def _exponent(value: float, digits: int) -> int:
 
 
 def _scientific(value: float, decimal: str, decimals: int | None = None) -> str:
-    """Return `decimal`, or the form "1.609·10⁻⁴" for a very large or small number.
+    """Return `decimal`, or the form "1.609·10⁻⁴" for a number below 10⁻³ or from 10⁶ on.
 
     - `value`: the number; `decimal`: its decimal form
     - `decimals`: decimals before the power of ten; None for five decimals without trailing zeros
@@ -391,7 +401,8 @@ def _scientific(value: float, decimal: str, decimals: int | None = None) -> str:
 
 
 def _utilisation(value: float) -> str:
-    """Return a utilisation with two decimals, or as many more as distinguish it from 1."""
+    """Return a utilisation with two decimals, or as many more as distinguish it from 1; from 1000 on with
+    four significant digits."""
     if abs(value) >= 1e3:
         return _significant(value, 4)
     decimals = 2
@@ -424,9 +435,14 @@ def _finite(value: Any, name: str) -> float:
 
 
 def checked_text(text: Any, owner: str, *, may_be_empty: bool = False) -> Text:
-    """Return a text after checking that its parts are valid and, unless `may_be_empty`, that it is not empty.
+    """Return a text after checking it.
 
-    Raises `ValueError`, which names the owner.
+    - `text`: the text; a list of parts becomes a tuple
+    - `owner`: name of the text, for messages
+    - `may_be_empty`: whether "" and () are valid
+
+    Raises `ValueError` for a text with invalid parts, and for a text that is blank, a dash or the name of a
+    missing number, such as "nan".
     """
     if isinstance(text, str):
         visible = text
@@ -438,12 +454,12 @@ def checked_text(text: Any, owner: str, *, may_be_empty: bool = False) -> Text:
     else:
         raise ValueError(f"{owner} must be a string or a tuple of parts, got {text!r}")
     if _EMPTY.fullmatch(visible) and not (may_be_empty and not text):
-        raise ValueError(f"{owner} must be text that is not empty, a dash, nan, inf or None; got {text!r}")
+        raise ValueError(f"{owner} must be text other than a blank, a dash, nan, inf or None; got {text!r}")
     return text
 
 
 def _cell(cell: Any) -> Cell:
-    """Return a cell; strings and texts become text cells. Raises `ValueError` for anything else."""
+    """Return a cell; a text becomes a `TextCell`. Raises `ValueError` for anything else."""
     if isinstance(cell, str | tuple):
         return TextCell(cell)
     if not isinstance(cell, Quantity | Series | TextCell | Formula):

@@ -93,7 +93,8 @@ class Units:
       example, ("kN", "m", "deg", "g", "mm") shows a column 3 m high and its top displaced by 325 mm.
     - `g`: gravity [m/s²], the size of the unit "g"
 
-    Raises `ValueError` for an unknown unit, with the nearest known unit, and for two units of one kind.
+    Raises `ValueError` for an unknown unit, with the nearest known unit, for two units of one kind, and for a
+    gravity that is not positive and finite.
     """
 
     names: tuple[str, ...] = ()
@@ -214,18 +215,24 @@ def unit_of_kind(unit: str, kind: str, *, owner: str = "unit", subject: str = ""
 
 
 def _alias(text: str) -> str:
-    """Return the name in `KINDS` for a spelling of a unit, without spaces, dots, * and ^."""
+    """Return the name in `KINDS` for a spelling of a unit; an unknown spelling loses its spaces, ·, * and
+    ^."""
     plain = re.sub(r"[\s·*^]", "", text)
     return _ALIASES.get(plain, plain)
 
 
 def _name(text: str, owner: str) -> str:
-    """Return the name of a unit. Raises `ValueError` for an unknown unit, with the nearest known unit."""
+    """Return the name in `KINDS` for a spelling of a unit. Raises `ValueError` for an unknown unit; the
+    message starts with `owner`."""
     name = _alias(text)
     valid_units = {unit for kind in KINDS.values() for unit in kind.units}
     if name in valid_units:
         return name
     folded = {unit.casefold(): unit for unit in sorted(valid_units)}
     nearest = difflib.get_close_matches(name.casefold(), folded, 1, 0.5)
-    hint = f"did you mean {folded[nearest[0]]!r}?" if nearest else f"known are {', '.join(_CHOOSABLE)}"
+    hint = (
+        f"did you mean {folded[nearest[0]]!r}?"
+        if nearest
+        else f"known are, among others, {', '.join(_CHOOSABLE)}"
+    )
     raise ValueError(f"{owner}: {text!r} is not a known unit; {hint}")

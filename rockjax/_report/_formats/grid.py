@@ -18,7 +18,7 @@ from rockjax._report.tables import (
 )
 from rockjax._report.units import NO_UNIT, Units
 
-NONE = "none"  # text of a cell without an error or note
+NONE = "none"  # text in columns of errors and notes for a cell that has none
 
 
 class Number(NamedTuple):

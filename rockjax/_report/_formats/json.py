@@ -1,4 +1,4 @@
-"""JSON: the texts and numbers of the page, in SI; of a picture only title, description and caption.
+"""JSON: the texts and numbers of the page, in SI. A picture has only its title, description and caption.
 
 Numbers are not rounded. Sections, and blocks within them, have the order of the page.
 """
@@ -55,8 +55,9 @@ def document(page: Page, g: float) -> dict[str, Any]:
 
     The keys are `schema`, `title`, `subject`, `head`, `origin`, `verdict`, `is_verified`, `notices`, `checks`
     (an entry for each row of the summary), `tables` (by name) and `sections`. The key `is_target` of a check
-    states whether it is a design target. A number is {"value", "unit"} and, if known, "error". A text that
-    replaces a number is {"text", "state"}. Texts with numbers are lists of strings and numbers.
+    states whether it is a design target. A cell with a number is {"value", "unit"} and, if known, "error";
+    with several numbers {"values", "unit"}; with a text {"text", "state"}; and with a formula {"latex"}. The
+    second line of a cell is its "note". A text with numbers is a list of strings and of cells with a number.
     """
     converter = _Converter(Units.si(g))
     summaries = [block for block in page.blocks() if isinstance(block, Summary)]

@@ -1,4 +1,4 @@
-"""XLSX: a sheet for each table, with numbers as numbers and texts as texts."""
+"""XLSX: a workbook with a sheet for each table. Texts are never read as numbers or formulas."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _MAX_NAME_LENGTH = 31  # characters in the name of a sheet
 
 
 def require_library() -> Any:
-    """Return the module `xlsxwriter`. Raises `ValueError`, which names the command to install it."""
+    """Return the module `xlsxwriter`. If it is missing, raise `ValueError` with the command to install it."""
     try:
         import xlsxwriter
     except ImportError:
@@ -65,8 +65,8 @@ def encode(page: Page, units: Units) -> dict[str, bytes]:
 
 
 def _sheet_name(name: str, number: int) -> str:
-    """Return the name of the sheet of a table. The end of a name that is too long is replaced by the number
-    of the table."""
+    """Return the name of the sheet for a table. If the name of the table is too long, "~" and the number of
+    the table replace its end."""
     if len(name) <= _MAX_NAME_LENGTH:
         return name
     ending = f"~{number}"
@@ -78,7 +78,8 @@ def _text(cell: Number | str) -> str:
 
 
 def _number_format(digits: str) -> str:
-    """Return the spreadsheet's number format that shows as many digits as `digits`; two digits for ""."""
+    """Return the spreadsheet's number format that shows as many digits as `digits`; the format 0.0E+00 for
+    ""."""
     mantissa, power, _ = digits.partition("·")
     _, point, decimals = re.sub(r"\s", "", mantissa).partition(".")
     if not digits or power:

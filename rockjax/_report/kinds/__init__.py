@@ -19,22 +19,27 @@ from .peaks import NoOverturning, peak_kinds
 from .risk import AnnualKind, FailureKind, FragilityKind, ShareKind
 from .searches import PulseKind, ScaleKind
 
-# Keys of kinds: name → (type, description).
+# Keys that only some kinds have: name → (type, description).
 _DESIGN_ONLY = " Only `rockjax design` uses it."
-_WIDTH = {
-    "width": (Positive, "Narrowest overturning window that is found, divided by the range searched [–]."),
-}
-_SCALE = {"max_scale": (Positive, "End of the search, a factor on the motions [–]." + _DESIGN_ONLY)} | _WIDTH
+_WIDTH_MEANING = (
+    "A range of overturning amplitudes is missed only if it is narrower than this fraction of the searched "
+    "range [–]."
+)
+_WIDTH = {"width": (Positive, _WIDTH_MEANING)}
+_DESIGN_WIDTH = {"width": (Positive, _WIDTH_MEANING + _DESIGN_ONLY)}
+_SCALE = {
+    "max_scale": (Positive, "Largest searched factor on the motions [–]." + _DESIGN_ONLY)
+} | _DESIGN_WIDTH
 _PULSE = {
     "pulse": (models.PulseName, "Kind of the pulse."),
     "T_p": (models.Periods, "Periods of the pulse [s]."),
     "frequency_ratio": (models.Periods, "Frequencies ω_p/p of the pulse [–], instead of its periods."),
-    "ratio": (bool, "Whether the limit is a_p/(g tan α)."),
-    "max_acceleration_ratio": (Positive, "End of the search, a_p/(g tan α) [–]."),
+    "ratio": (bool, "Whether the limit is given as a_p/(g tan α)."),
+    "max_acceleration_ratio": (Positive, "Largest searched amplitude, as a_p/(g tan α) [–]."),
 }
 _ANNUAL = {
     "hazard": (str, "File of a hazard curve, relative to the folder of this file; by default risk.hazard."),
-    "max_intensity": (Positive, "End of the search, in SI units of the hazard." + _DESIGN_ONLY),
+    "max_intensity": (Positive, "Largest searched intensity, in the SI unit of the hazard." + _DESIGN_ONLY),
 }
 _SHARE = {
     "intensity": (Positive, "Factor on the motions [–]; by default 1."),
@@ -77,7 +82,7 @@ _KINDS: tuple[Kind, ...] = (
         "Annual frequency of overturning",
         "rate",
         section=7,
-        keys=_ANNUAL | _WIDTH,
+        keys=_ANNUAL | _DESIGN_WIDTH,
         has_one_value=True,
         skip_name="risk",
     ),
@@ -153,7 +158,7 @@ assert {kind.quantity for kind in _KINDS} <= set(QUANTITIES)
 
 @functools.cache
 def check_model(kind: str) -> type[CheckKeys]:
-    """Return the model of the table of a check or design target of a kind."""
+    """Return the pydantic model of a table `[[checks]]` or `[[targets]]` with this `kind`."""
     fields: Any = {
         name: (type_ | None, key(None, meaning)) for name, (type_, meaning) in KINDS[kind].keys.items()
     }

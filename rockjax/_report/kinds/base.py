@@ -26,17 +26,19 @@ if TYPE_CHECKING:
     from rockjax._structures import Podium
 
 STATISTICS = {"max": "largest", "mean": "mean", "median": "median", "p84": "84 % quantile"}
+STATISTICS_OF_MINIMA = STATISTICS | {"max": "least", "p84": "16 % quantile"}
 
 
 class Values(NamedTuple):
-    """Values of a check for each of its cases, or one value for all of them.
+    """The n values of a check: one for each case, or one for all cases.
 
     - `values`: (n,) [SI]; ±inf where a text replaces the number
-    - `errors`: (n,) estimated errors, NaN where unknown
+    - `errors`: (n,) estimated errors [SI], NaN where unknown
     - `texts`: (n,) texts that replace numbers, such as "overturned at 5.85 s"; "" for numbers
     - `locations`: (n,) storey, joint or time of each value; "" for none
-    - `unanswered`: why each scene or the estimate has no result, such as "undecided"; "" if it has a result
-    - `names`: (n,) names of the cases: motions or pulses
+    - `unanswered`: for each scene, or for an estimate, why there is no result, such as "undecided"; "" if
+      there is one. Empty for kinds that always have results
+    - `names`: (n,) names of the cases (motions or pulses); empty for one value
     - `remark`: text that the summary adds to the value, or ""
     - `error_factor`: a check passes only if value ± `error_factor` · error satisfies the limit
     """
@@ -65,11 +67,11 @@ class Kind(abc.ABC):
     - `name`: name in problem files; `title`: title on the page
     - `quantity`: what the value measures, one of `units.KINDS`
     - `is_minimum`: whether the value must be at least the limit
-    - `section`: section of the page with the details
+    - `section`: number of the section of the page with the details
     - `keys`: keys that only this kind has: name → (type, description)
     - `needs_motions`: whether the check needs a set of motions; `has_limit`: whether it has a limit
     - `has_one_value`: whether the whole set has one value, so that no motion governs and no statistic applies
-    - `skip_name`: name in `evaluate(skip=…)` that leaves the check out; "" if no name does
+    - `skip_name`: name in `evaluate(skip=…)` that leaves out checks of this kind; "" if none does
     """
 
     name: str
@@ -109,13 +111,17 @@ class Kind(abc.ABC):
     def limit(self, keys: CheckKeys, quantity: str, g: float) -> float:
         """Return the limit [SI] of an entry, whose value measures `quantity`; 1 for kinds without a limit.
 
-        Raises `ValueError` unless the entry has exactly one limit of the right sense, and for a wrong unit.
+        - `keys`: table of the entry; `g`: gravity [m/s²]
+
+        Raises `ValueError` unless the entry has exactly one limit, `limit` or the one of `at_least` and
+        `at_most` that applies; for a wrong unit; for a maximum that is not positive; and for any limit of a
+        kind without one.
         """
         bound = "at_least" if self.is_minimum else "at_most"
         given = {name: getattr(keys, name) for name in BOUNDS if getattr(keys, name) is not None}
         if not self.has_limit:
             if given:
-                raise ValueError(f"{self.name} has no limit, got {next(iter(given))}")
+                raise ValueError(f"{self.name} has no limit; leave out {next(iter(given))}")
             return 1.0
         if len(given) != 1:
             raise ValueError(f"{self.name} needs exactly one of limit and {bound}, got {len(given)}")
@@ -125,14 +131,14 @@ class Kind(abc.ABC):
         if keys.unit is not None:
             value = to_si(value, keys.unit, quantity, g=g, owner="unit", subject=self.name)
         if not self.is_minimum and value <= 0:
-            raise ValueError(f"the limit of {self.name} must be > 0, got {value:g}")
+            raise ValueError(f"the limit of {self.name} must be > 0, got {value:g} in SI units")
         return value
 
     def check(self, keys: CheckKeys, uses_motions: bool) -> None:
         """Raise `ValueError` if an entry gives a statistic or motions that do not apply to the kind."""
         if keys.statistic != "max" and (self.has_one_value or not uses_motions):
             raise ValueError(
-                f"statistic must be left out: {self.name} has one value, not one for each motion"
+                f"statistic must be left out: {self.name} does not have a value for each motion of a set"
             )
         if not uses_motions and not self.needs_motions:
             for name in ("motions", "vertical"):
@@ -141,11 +147,12 @@ class Kind(abc.ABC):
 
     # --------------------------------------------------------------------------------------------- evaluation
     def missing(self, entry: Entry, problem: Problem) -> str:
-        """Return why the check cannot be made, and what would make it possible; "" if it can be made."""
+        """Return a text that states why the check cannot be made and what would make it possible; "" if it
+        can be made."""
         if entry.keys.vertical and entry.motions and not problem.motions[entry.motions].has_vertical:
             return (
-                f"The motions of {entry.motions} have no vertical component; give it with the keys vertical, "
-                "vertical_ratio or paired of the set."
+                f"Some motions of {entry.motions} have no vertical component; give the set one of the keys "
+                "vertical, vertical_ratio and paired."
             )
         return ""
 
@@ -171,7 +178,10 @@ class Kind(abc.ABC):
 
     def slopes_function(self, entry: Entry, scenes: Scenes, case: int) -> SlopesFunction | None:
         """Return a function that computes the value of a case, and its derivatives with respect to the
-        logarithms of `derivatives.py`; None if the value has no derivatives."""
+        logarithms that `derivatives.py` defines; None if the value has no derivatives.
+
+        - `case`: index of the motion or pulse
+        """
         del entry, scenes, case
         return None
 
@@ -190,15 +200,14 @@ class Kind(abc.ABC):
         if not entry.motions:
             return "no motions"
         count = len(problem.motions[entry.motions])
-        statistic = "least" if self.is_minimum and entry.keys.statistic == "max" else entry.keys.statistic
+        words = STATISTICS_OF_MINIMA if self.is_minimum else STATISTICS
         return f"{entry.motions}, " + (
-            f"all {count} motions"
-            if self.has_one_value
-            else f"{STATISTICS.get(statistic, statistic)} of {count}"
+            f"all {count} motions" if self.has_one_value else f"{words[entry.keys.statistic]} of {count}"
         )
 
     def tables(self, entry: Entry, values: Values, scenes: Scenes) -> list[Table]:
-        """Return tables with the details of a check. The page shows only the first table of each name."""
+        """Return tables with the details of a check. Several checks may return a table with the same name;
+        the page shows it once."""
         del entry, values, scenes
         return []
 
@@ -217,8 +226,8 @@ def with_texts(
     locations: list[str],
     is_minimum: bool,
 ) -> Values:
-    """Return the values of scenes. Texts replace the values of scenes that overturn, and infinite values,
-    which mean that a joint opens.
+    """Return the values of scenes. A text replaces the value of a scene that overturns, and an infinite
+    value, which means that a joint opens.
 
     - `scenes`, `entry`: the scenes and the entry
     - `data`: dataset of the scenes, with the dim `motion` of length n

@@ -31,9 +31,11 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True)
 class FloorKind(Kind):
-    """A check of the largest peak among the blocks or oscillators on floors that it names, by default all.
+    """A check of the largest peak of the blocks or oscillators on floors that the check lists, by default
+    all.
 
-    - `table`: table of the problem file with the blocks or oscillators; `dim`: their dimension in datasets
+    - `table`: name of the tables of the problem file that define the blocks or oscillators
+    - `dim`: dimension of the blocks or oscillators in datasets
     - `peak`: name of the peak, such as "peak_rotation"; `symbol`: symbol of the peak in headings
     """
 

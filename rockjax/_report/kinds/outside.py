@@ -13,7 +13,7 @@ from .base import Kind, Values
 
 @dataclasses.dataclass(frozen=True)
 class OutsideModel(Kind):
-    """A check of an effect that the model does not contain; `reason` states why it is not made."""
+    """A check of an effect that the model does not contain; `reason` states why the check is not made."""
 
     reason: str = ""
 

@@ -27,12 +27,13 @@ from .base import Kind, Values, errors_of, with_texts
 class PeakKind(Kind):
     """A check of a peak, multiplied by a factor that depends on the structure.
 
-    - `variable`: name of the peak among the outputs
-    - `factor`: function that returns the factor, or one for each joint, storey or mode; None for 1
-    - `needs`: function that returns a sentence about missing inputs, or ""
-    - `powers`: pairs (input, exponent) for inputs that `factor` takes from the problem file, so that it does
-      not see their variations. If such an input is multiplied by y, the value is multiplied by y ** exponent
-    - `convert`: function that converts the multiplied peak to the value, or None
+    - `variable`: name of the peak in datasets of scenes
+    - `factor`: function (problem, podium) ↦ the factor, or a factor for each joint, storey or mode; None for
+      1
+    - `needs`: function (problem) ↦ a sentence about missing inputs, or ""
+    - `powers`: pairs (input, exponent) for the inputs that `factor` takes from the problem file, where they
+      do not vary. If a variation multiplies such an input by y, the value is multiplied by y ** exponent
+    - `convert`: function (podium, multiplied peak) ↦ value of the check; None for no conversion
     """
 
     variable: str = ""
@@ -49,8 +50,10 @@ class PeakKind(Kind):
         reason = super().missing(entry, problem) or self.needs(problem)
         variable, output = VARIABLES[self.variable]
         if not reason and not REGISTRY[output].applies(problem.podium):
-            need = "a building with stories" if variable.axis == STORIES else "a structure that has it"
-            return f"The structure has no {variable.description}; it needs {need}."
+            need = "a building with stories" if variable.axis == STORIES else "a superstructure"
+            if output in ("peak_drift", "peak_deformation"):
+                need += " that vibrates"
+            return f"The structure has no {variable.description}; the check needs {need}."
         return reason
 
     def outputs(self, entry: Entry) -> tuple[str, ...]:
@@ -106,7 +109,8 @@ class PeakKind(Kind):
 
 @dataclasses.dataclass(frozen=True)
 class NoOverturning(Kind):
-    """A check that no motion overturns the columns: max|θ|/α is at most `overturn_ratio` of the options."""
+    """A check that no motion overturns the columns. The value is max|θ|/α divided by `overturn_ratio` of the
+    options."""
 
     @property
     def has_variants(self) -> bool:
@@ -140,7 +144,7 @@ def _needs_heights(problem: Problem) -> str:
 
 
 def _pressure(problem: Problem, podium: Podium) -> Any:
-    """Return the contact pressure [Pa] under the force m_c g."""
+    """Return the contact pressure of a column [Pa] under the axial force m_c g."""
     joints, mass = problem.joints, problem.column_mass
     assert mass is not None
     assert joints.contact_width is not None
@@ -157,7 +161,7 @@ def _needs_contact(problem: Problem) -> str:
 
 
 def deck_displacement(podium: Podium, rotation: Any) -> Any:
-    """Return the displacement of the deck u_b at a rotation |θ|/α, Eq. (13) [m]."""
+    """Return the displacement of the deck u_b [m] at the rotation |θ|/α = `rotation`, Eq. (13)."""
     alpha = podium.alpha
     return 2 * podium.R * (jnp.sin(alpha) - jnp.sin(alpha - rotation * alpha))
 

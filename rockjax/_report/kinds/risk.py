@@ -40,7 +40,8 @@ UNTESTED = "assumptions are not tested"
 
 @dataclasses.dataclass(frozen=True)
 class FragilityKind(Kind):
-    """The median over a set of the least overturning intensities, with the settings of `[fragility]`."""
+    """A check of the median of the least overturning intensities of a set, with the settings of
+    `[fragility]`."""
 
     def read(self, keys: CheckKeys, reader: Reader, file: models.Problem, podium: Podium) -> dict[str, Any]:
         arguments = super().read(keys, reader, file, podium)
@@ -51,7 +52,7 @@ class FragilityKind(Kind):
         return kind_of_unit(unit_of_measure(measure_of_file(file)[0]))
 
     def curve(self, entry: Entry, scenes: Scenes) -> Any:
-        """Return the result of `rockjax.fragility` for the set. Its additional variable `scale` is the least
+        """Return the result of `rockjax.fragility` for the set, with one more variable: `scale` is the least
         factor on each motion that overturns the columns."""
         problem, motions = scenes.problem, scenes.motion_set(str(entry.motions))
         measure = entry.arguments["measure"]
@@ -91,7 +92,8 @@ class FragilityKind(Kind):
 
 @dataclasses.dataclass(frozen=True)
 class AnnualKind(FragilityKind):
-    """The annual frequency, from a hazard curve and a fragility curve of `[risk]` or of a set of motions."""
+    """A check of the annual frequency of overturning, from a hazard curve and a fragility curve. The
+    fragility curve is that of `[risk]`, or else that of a set of motions."""
 
     def read(self, keys: CheckKeys, reader: Reader, file: models.Problem, podium: Podium) -> dict[str, Any]:
         arguments = Kind.read(self, keys, reader, file, podium)
@@ -177,7 +179,7 @@ class AnnualKind(FragilityKind):
 
 @dataclasses.dataclass(frozen=True)
 class ShareKind(Kind):
-    """The share of the motions of a set that overturn the columns, with one factor on all motions."""
+    """A check of the share of the motions of a set that overturn the columns when multiplied by a factor."""
 
     @property
     def has_variants(self) -> bool:
@@ -217,7 +219,7 @@ class ShareKind(Kind):
 
 @dataclasses.dataclass(frozen=True)
 class FailureKind(Kind):
-    """The probability that a random motion overturns the columns, by sampling."""
+    """A check of the probability that a random motion overturns the columns, estimated by sampling."""
 
     def read(self, keys: CheckKeys, reader: Reader, file: models.Problem, podium: Podium) -> dict[str, Any]:
         arguments = super().read(keys, reader, file, podium)
@@ -226,6 +228,7 @@ class FailureKind(Kind):
             if "envelope" in given:
                 given["envelope"] = Envelope(**given["envelope"].as_arguments())
             arguments["motion"] = GaussianMotion(**given)
+        # Failure is overturning; with an overturn_ratio < 1, it is a rotation above this ratio.
         ratio = file.options.overturn_ratio
         return arguments | ({"limit": ("rotation", ratio)} if ratio is not None and ratio < 1 else {})
 
@@ -280,21 +283,25 @@ class FailureKind(Kind):
 
 
 def measure_of_file(file: models.Problem) -> tuple[str, float | None]:
-    """Return name and period of the intensity measure in `[fragility]`. Without this table, the measure is
-    the factor on the motions."""
+    """Return name and period [s] of the intensity measure in `[fragility]`; the period is None for a measure
+    without one. Without the table, the measure is the factor on the motions."""
     settings = file.fragility
     has_table = "fragility" in file.model_fields_set
     return (settings.measure, settings.measure_period) if has_table else ("scale", None)
 
 
 def _measure_of_hazard(hazard: Hazard) -> tuple[str, float | None]:
-    """Return name and period of the intensity measure of a hazard curve."""
+    """Return name and period [s] of the intensity measure of a hazard curve; the period is None for a measure
+    without one."""
     match = SA_LABEL.fullmatch(hazard.measure)
     return ("Sa", float(match["period"])) if match else (hazard.measure, None)
 
 
 def _fragility(scenes: Scenes, name: str, named_measure: tuple[str, float | None]) -> xarray.Dataset:
-    """Compute the curve of `FragilityKind.curve` for a set and an intensity measure (name, period)."""
+    """Compute the result of `FragilityKind.curve`.
+
+    - `name`: name of the set; `named_measure`: name and period of the intensity measure
+    """
     from rockjax._motions.motion import Motions
     from rockjax._studies.curve import fragility
     from rockjax._studies.fragility import incremental_dynamic_analysis, levels_of, measure_of
@@ -318,8 +325,8 @@ def _fragility(scenes: Scenes, name: str, named_measure: tuple[str, float | None
 
 
 def _numbers_of(curve: Any) -> list[float]:
-    """Return the numbers of a fragility curve that determine the annual frequency: median and dispersion
-    first, then the others."""
+    """Return the numbers of a fragility curve that determine the annual frequency and its derivatives. The
+    first two are median and dispersion."""
     if isinstance(curve, Lognormal):
         return list(map(float, curve))
     names = ("median_capacity", "dispersion", "no_damage_limit", "min_intensity", "max_intensity")

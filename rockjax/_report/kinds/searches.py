@@ -1,4 +1,5 @@
-"""Kinds of checks that search for a boundary: factors on motions, and amplitudes of pulses."""
+"""Kinds of checks that search for the least factor on a motion, or the least amplitude of a pulse, at which
+the columns lift or overturn."""
 
 from __future__ import annotations
 
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True)
 class ScaleKind(Kind):
-    """The least factor on each motion that causes an `event`: "uplift" or "overturning"."""
+    """A check of the least factor on each motion that causes the `event` "uplift" or "overturning"."""
 
     event: str = "overturning"
 
@@ -63,7 +64,8 @@ class ScaleKind(Kind):
 
 @dataclasses.dataclass(frozen=True)
 class PulseKind(Kind):
-    """The least amplitudes of pulses that overturn the columns, one for each period."""
+    """A check of the least amplitudes of pulses that overturn the columns, one for each period of the
+    pulse."""
 
     def read(self, keys: CheckKeys, reader: Reader, file: models.Problem, podium: Podium) -> dict[str, Any]:
         arguments = super().read(keys, reader, file, podium)
@@ -89,11 +91,13 @@ class PulseKind(Kind):
         return defaults | given
 
     def _unit(self, entry: Entry, podium: Podium) -> Value:
-        """Return the unit of the amplitudes and of the limit: g tan α or 1 m/s²."""
+        """Return the unit of the amplitudes and of the limit [m/s²]: g tan α if the check has `ratio`, else
+        1."""
         return g_tan_alpha(podium.alpha, podium.g) if entry.arguments.get("ratio") else jnp.ones(())
 
     def _amplitudes(self, entry: Entry, scenes: Scenes) -> np.ndarray:
-        """Return the least overturning amplitude for each period, in the unit of the limit; inf if none."""
+        """Return the least overturning amplitude for each period, in the unit of the limit; inf where no
+        searched amplitude overturns."""
         import xarray
 
         podium = scenes.problem.podium
@@ -137,7 +141,8 @@ class PulseKind(Kind):
         pulse = entry.arguments["pulse"]
         periods = np.atleast_1d(entry.arguments["T_p"])
         pulses = [pulse(float(a), float(T)) for a, T in zip(amplitudes, periods, strict=True)]
-        return scenes.peaks_under(f"boundary.{entry.id}", scenes.options(""), pulses)
+        options = scenes.options("")  # of no set, so without the outputs that checks need
+        return scenes.peaks_under(f"boundary.{entry.id}", options, pulses)
 
     def scope(self, entry: Entry, problem: Problem) -> str:
         del problem

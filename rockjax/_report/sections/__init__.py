@@ -26,7 +26,7 @@ from . import (
 if TYPE_CHECKING:
     from rockjax._report.evaluation import Evaluation
 
-# Functions (evaluation, units of drawings) → section of the page.
+# Functions (evaluation, units of drawings) ↦ section of the page.
 SECTIONS: tuple[Callable[[Evaluation, Units], Section], ...] = (
     summary.section,
     structure.section,

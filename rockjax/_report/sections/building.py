@@ -62,13 +62,17 @@ def section(evaluation: Evaluation, units: Units) -> Section:
             )
         )
     if not blocks:
-        blocks.append(Paragraph("The structure carries no building."))
+        has_building = evaluation.problem.podium.superstructure is not None
+        text = (
+            "No check was made with ground motions." if has_building else "The structure carries no building."
+        )
+        blocks.append(Paragraph(text))
     blocks += details(evaluation, 6)
     return Section(6, "Building", tuple(blocks))
 
 
 def _stories(evaluation: Evaluation, name: str) -> Table:
-    """Return the table of peaks in each storey over the surviving scenes of a set."""
+    """Return the table of the largest and mean peaks in each storey, over the surviving scenes of a set."""
     data, heights = evaluation.scenes.peaks(name), evaluation.problem.story_heights
     survives = ~data["overturned"].values & ~results.did_not_finish(data["result"].values)
     drift, acceleration = (data[y].values[survives] for y in ("peak_drift", "peak_floor_acceleration"))
@@ -83,9 +87,7 @@ def _stories(evaluation: Evaluation, name: str) -> Table:
     rows = []
     for j in range(data["peak_drift"].shape[-1]):
         if not len(drift):
-            rows.append(
-                (TextCell(f"storey {j + 1}"), *[TextCell("every scene overturned", "overturned")] * 5)
-            )
+            rows.append((TextCell(f"storey {j + 1}"), *[TextCell("no scene survives", "overturned")] * 5))
             continue
         ratio = (
             number_cell(drift[:, j].max() / heights[j], "ratio")

@@ -1,4 +1,4 @@
-"""Functions that several sections share: sets of motions, governing scene, pictures and tables."""
+"""Functions that several sections use: sets of motions, governing scene, pictures and tables."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ def sets_with_scenes(evaluation: Evaluation) -> tuple[str, ...]:
 
 
 def governing_scene(evaluation: Evaluation) -> tuple[str, int] | None:
-    """Return set and index of the surviving scene with the largest rotation; None if no scene survives."""
+    """Return (set, index of the motion) of the scene with the largest rotation among those without
+    overturning; None if there are none."""
     governing: tuple[float, str, int] | None = None
     for name in sets_with_scenes(evaluation):
         data = evaluation.scenes.peaks(name)
@@ -38,7 +39,7 @@ def stored_figure(evaluation: Evaluation, name: str, inputs: Any, draw: Callable
     """Return a picture from the store; draw and store it if it is missing or was drawn from other inputs.
 
     - `evaluation`: the evaluated problem, whose store is used
-    - `name`: name in the store; `inputs`: all data that the picture shows
+    - `name`: name in the store; `inputs`: pytree of all data that the picture depends on
     - `draw`: function that returns the picture; the caption must be a string
     """
     store = evaluation.scenes.store
@@ -47,7 +48,8 @@ def stored_figure(evaluation: Evaluation, name: str, inputs: Any, draw: Callable
 
 
 def details(evaluation: Evaluation, section: int) -> list[Table]:
-    """Return the tables with the details of the checks of a section; tables of the same name appear once."""
+    """Return the tables with the details of the checks that belong to a section; of tables with the same
+    name, only the first."""
     tables: dict[str, Table] = {}
     for check in evaluation.checks:
         if check.values is not None and check.kind.section == section:

@@ -30,7 +30,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 
 
 def _table(check: Check) -> Table:
-    """Return the table of the derivatives of a check, and of its values with changed inputs."""
+    """Return the table of the derivatives of a check, and of its utilisations with changed inputs."""
     columns = (
         Column("Input"),
         Column("d ln U/d ln y", "number"),

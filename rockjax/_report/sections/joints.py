@@ -10,7 +10,7 @@ from rockjax._outputs.base import JOINT_NAMES
 from rockjax._report.blocks import Equation, Equations, Figure, Paragraph, Section
 from rockjax._report.cells import peak_cell, slug
 from rockjax._report.pictures import to_svg
-from rockjax._report.tables import Code, Column, Formula, Table, TextCell
+from rockjax._report.tables import Code, Column, Formula, Table, Text, TextCell
 from rockjax._report.units import Units
 
 from .common import governing_scene, sets_with_scenes, stored_figure
@@ -36,11 +36,13 @@ def section(evaluation: Evaluation, units: Units) -> Section:
         name for name in sets_with_scenes(evaluation) if "least_axial_force" in evaluation.scenes.peaks(name)
     ]
     if not names:
-        reason = (
-            "No forces were computed: the structure has no positions of columns. Give ",
-            Code("positions"),
-            " in [structure], or an elevation, and a check of forces.",
-        )
+        reason: Text = "No check was made with ground motions."
+        if evaluation.problem.podium.elevation is None:
+            reason = (
+                "No forces were computed: the structure has no positions of columns. Give ",
+                Code("positions"),
+                " in [structure], or the table [structure.elevation].",
+            )
         return Section(5, "Joint forces", (Paragraph(reason),))
     equations = Equations(
         tuple(
@@ -66,7 +68,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 
 
 def _table(evaluation: Evaluation, name: str) -> Table:
-    """Return the table of extreme forces in both joints under each motion of a set."""
+    """Return the table of the extreme forces in the bottom and top joints under each motion of a set."""
     data, motions = evaluation.scenes.peaks(name), evaluation.problem.motions[name]
     dead_load = np.asarray(evaluation.problem.podium.dead_load, float)
     columns = [Column("Motion"), Column("Joint"), *(Column(head, "number") for head in _COLUMNS.values())]

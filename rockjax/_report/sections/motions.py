@@ -14,6 +14,7 @@ from rockjax._report.cells import number_cell, slug
 from rockjax._report.pictures import to_svg
 from rockjax._report.tables import Code, Column, Quantity, Table, TextCell
 from rockjax._report.units import Units
+from rockjax._structures import g_tan_alpha
 
 from .common import sets_with_scenes, stored_figure
 
@@ -48,7 +49,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 
 
 def _first_period(podium: Any) -> float | None:
-    """Return the first period of the building on a fixed base [s]; None if it does not vibrate."""
+    """Return the first period of the building on a fixed base [s]; None without a building that vibrates."""
     superstructure = podium.superstructure
     oscillators = None if superstructure is None else superstructure.oscillators
     return None if oscillators is None else float(np.max(np.asarray(oscillators.T_s)))
@@ -56,7 +57,9 @@ def _first_period(podium: Any) -> float | None:
 
 def _table(evaluation: Evaluation, motions: MotionSet, period: float | None) -> Table:
     """Return the table of the motions of a set: name, source, samples, measures and hash."""
-    threshold = float(evaluation.problem.podium.uplift_ground_acceleration)
+    podium = evaluation.problem.podium
+    threshold = float(podium.uplift_ground_acceleration)
+    has_prestress = not np.isclose(threshold, float(g_tan_alpha(podium.alpha, podium.g)), rtol=1e-9)
     columns = (
         Column("Motion"),
         Column("Source"),
@@ -65,7 +68,7 @@ def _table(evaluation: Evaluation, motions: MotionSet, period: float | None) -> 
         Column("PGV", "velocity"),
         Column("PGD", "displacement"),
         Column("S_a(T_1)", "acceleration"),
-        Column("PGA / (g tan α)", "number"),
+        Column("PGA / uplift acceleration" if has_prestress else "PGA / (g tan α)", "number"),
         Column("SHA-256"),
     )
     rows = []

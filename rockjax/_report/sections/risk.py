@@ -1,4 +1,4 @@
-"""Section 7: fragility, annual frequency and probabilities of failure."""
+"""Section 7: fragility, annual frequency and probabilities of overturning."""
 
 from __future__ import annotations
 

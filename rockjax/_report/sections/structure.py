@@ -11,7 +11,7 @@ from rockjax._parameters.registry import STRUCTURE
 from rockjax._report.blocks import Equation, Equations, Figure, Paragraph, Section
 from rockjax._report.pictures import elevation_caption, elevation_drawing, to_svg
 from rockjax._report.store import dataset_of, fingerprint
-from rockjax._report.tables import Cell, Code, Column, Formula, Quantity, Series, Table, TextCell
+from rockjax._report.tables import Cell, Code, Column, Formula, Quantity, Series, Table, Text, TextCell
 from rockjax._report.units import Units, kind_of_unit
 from rockjax._structures import Podium
 
@@ -61,7 +61,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 
 
 def _elevation(evaluation: Evaluation, units: Units) -> Figure:
-    """Return the elevation of the structure, with a column at the largest rotation of the scenes."""
+    """Return the picture of the structure, and of a column at the largest rotation of the governing scene."""
     problem, scene = evaluation.problem, governing_scene(evaluation)
     podium = problem.podium
     rotation, label = None, ""
@@ -118,7 +118,7 @@ def value_cell(value: Any, kind: str) -> Cell:
 
 
 def _joint_rows(evaluation: Evaluation):
-    """Yield rows, as `_row` returns, for the properties of the joints in the file."""
+    """Yield a row, in the form of `_row`, for each property of the joints that the file gives."""
     meanings = {
         "friction": ("Friction coefficient of the joints μ", "number"),
         "contact_width": ("Width of the contact strip at an edge", "length"),
@@ -175,23 +175,34 @@ def _derived(evaluation: Evaluation) -> Equations:
         rows.append(
             Equation(Formula(f"restitution_{name}"), f"law {name}{note}", Quantity(factor, "number"), label)
         )
+    # Prestressed tendons raise the threshold and the dead load; the formulas do not contain them.
+    uplift = float(numbers["uplift_acceleration"])
+    ratio = uplift / (g * np.tan(alpha))
+    prestress = "" if np.isclose(ratio, 1, rtol=1e-9) else f" · {plain(ratio, 4)} (prestress of the tendons)"
     rows.append(
         Equation(
             Formula("uplift_acceleration"),
-            f"{plain(g)} · {plain(np.tan(alpha))}",
-            Quantity(float(numbers["uplift_acceleration"]), "acceleration"),
+            f"{plain(g)} · {plain(np.tan(alpha))}{prestress}",
+            Quantity(uplift, "acceleration"),
             "5",
         )
     )
     if podium.vibrates:
         demand = Quantity(float(numbers["uplift_demand"]), "acceleration")
-        rows.append(Equation(Formula("uplift_demand"), "", demand, "9"))
+        note = f"g tan α (1+2γ+2η)/(1+2γ){prestress}" if prestress else ""
+        rows.append(Equation(Formula("uplift_demand"), note, demand, "9"))
     if problem.column_mass is not None:
         bottom, top = (float(y) for y in numbers["dead_load"])
         weight = problem.column_mass * g
+        tendons = Quantity((top - gamma - eta) * weight, "force", is_input=True)
+
+        def terms(symbols: str) -> Text:
+            return (f"{symbols} m_c g + ", tendons, " (prestress of the tendons)") if prestress else ""
+
+        top_load, bottom_load = (Quantity(y * weight, "force") for y in (top, bottom))
         rows += [
-            Equation(Formula("dead_load"), "", Quantity(top * weight, "force"), "F3"),
-            Equation(Formula("dead_load_bottom"), "", Quantity(bottom * weight, "force"), "F3"),
+            Equation(Formula("dead_load"), terms("(γ+η)"), top_load, "F3"),
+            Equation(Formula("dead_load_bottom"), terms("(γ+η+1)"), bottom_load, "F3"),
         ]
     if podium.elevation is not None:
         rows.append(
@@ -201,7 +212,7 @@ def _derived(evaluation: Evaluation) -> Equations:
 
 
 def _numbers(evaluation: Evaluation) -> xarray.Dataset:
-    """Return the derived numbers of the section; compute them only if the store does not have them."""
+    """Return the derived numbers of this section; compute them only if the store does not have them."""
     podium = evaluation.problem.podium
 
     def numbers(podium: Podium) -> dict[str, Any]:
@@ -227,11 +238,11 @@ def _numbers(evaluation: Evaluation) -> xarray.Dataset:
 
 
 def _modes(evaluation: Evaluation) -> list[Any]:
-    """Return the table of modes of a superstructure, or a sentence if it does not vibrate."""
+    """Return the table of modes of the superstructure, or a sentence if there is none that vibrates."""
     podium = evaluation.problem.podium
     oscillators = None if podium.superstructure is None else podium.superstructure.oscillators
     if oscillators is None:
-        return [Paragraph("The superstructure does not vibrate.")]
+        return [Paragraph("The structure has no superstructure that vibrates.")]
     periods, etas, zetas = np.broadcast_arrays(
         np.atleast_1d(oscillators.T_s), np.atleast_1d(oscillators.eta), np.atleast_1d(oscillators.zeta)
     )

@@ -15,8 +15,9 @@ if TYPE_CHECKING:
 SHOWN_SLOPES = 4  # largest number of derivatives that a row of the summary shows
 _NOTE = (
     "U is value/limit, or limit/value where the limit is a minimum. Errors are estimates of the numerical "
-    "error. Sensitivities are the largest d ln U/d ln y of the governing motion; the spread is the range of "
-    "U of the whole set with each input changed by "
+    "error; for sampled probabilities, they are standard errors. “Changes with” lists the largest "
+    "d ln U/d ln y of inputs y, for the governing motion or, with the statistic mean, for the mean. “U with "
+    "spread” is the range of U of the whole set with each input changed by "
 )
 
 
@@ -76,7 +77,8 @@ def _row(check: Check, evaluation: Evaluation) -> SummaryRow:
 
 
 def _governs(check: Check) -> Text:
-    """Return the governing motion or pulse, the location and the reason of a check."""
+    """Return the governing motion or pulse of a check, the location of the value, and the reason or
+    remark."""
     names = check.values.names if check.values else ()
     name = names[check.governing] if check.governing is not None and names else "whole set"
     return ", ".join(text for text in (name, check.location, check.reason) if text)
@@ -91,7 +93,8 @@ def _slopes(check: Check) -> Text:
 
 
 def _spread(check: Check) -> Text:
-    """Return the range of U with changed inputs, and the changes that give the largest U or no finite U."""
+    """Return the range of U with changed inputs, and the changes that give the largest U, or an infinite
+    U."""
     if not check.spread:
         return "not repeated"
     changes = [
