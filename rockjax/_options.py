@@ -53,10 +53,10 @@ class Options(Module):
       `"impacts_before_peak"`, `"margin"`, `"errors"`; for buildings also `"peak_drift"` and
       `"peak_floor_acceleration"`; for the deck `"peak_deck_acceleration"` and `"peak_velocity_jump"`; and for
       the joints `"peak_friction"`, `"axial_force"`, `"peak_foundation_shear"` and `"impact_friction"`. The
-      scene ends as soon as none of the requested outputs can change; other outputs are not computed (NaN).
-      Impacts are counted completely only if `"impacts"` is requested or the columns overturn. `"errors"`
-      estimates the errors of the peaks by a second solution. Instances of subclasses of
-      [`rockjax.AbstractOutput`][] are user-defined outputs
+      scene ends as soon as none of the requested outputs can change; other outputs are not computed (NaN
+      or None). Unless `"impacts"` is requested, the number of impacts may be NaN or inexact, see
+      [`rockjax.Peak`][]. `"errors"` estimates the errors of the peaks by a second solution. Instances of
+      subclasses of [`rockjax.AbstractOutput`][] are user-defined outputs
     - `history`: number of steps that a history can hold under `jit`; outside jit it grows automatically
     - `throw`: True to raise an error if a scene does not finish (such as `out_of_steps` or `not_finite`)
       and no value is traced by JAX

@@ -16,9 +16,9 @@ from ._run import Console, command
 def risk(request: Request, console: Console, output: Output = "rockjax-risk") -> None:
     """Compute the mean annual frequency of overturning from a fragility curve and the hazard of a site.
 
-    Prints frequency, return period, probability in a given time, and sensitivities of the frequency if the
-    fragility has them. Writes OUTPUT.nc (hazard, fragility and the contribution of each intensity) and
-    OUTPUT-risk.png.
+    Prints frequency, return period, probability in a given time, and sensitivities of the frequency to median
+    and dispersion, and to parameters of the structure if the fragility has their sensitivities. Writes
+    OUTPUT.nc (hazard, fragility and the contribution of each intensity) and OUTPUT-risk.png.
 
     \b
     Examples:

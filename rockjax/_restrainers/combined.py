@@ -27,7 +27,8 @@ def as_restrainers(value) -> tuple[AbstractRestrainer, ...]:
     list."""
     if value is None or isinstance(value, AbstractRestrainer) or not isinstance(value, tuple | list):
         raise ValueError(
-            f"Podium: restrainers must be a tuple of {', '.join(KINDS)}, got {format_value(value)}"
+            f"Podium: restrainers must be a tuple of {', '.join(KINDS)}, such as (Tendon(0.5),), got "
+            f"{format_value(value)}"
         )
     return tuple(value)
 

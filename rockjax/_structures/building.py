@@ -152,7 +152,8 @@ class ShearBuilding(AbstractSuperstructure):
 
     @property
     def modes(self) -> Modes:
-        """The retained modes, with the mass ratio of the other modes as the residual."""
+        """The retained modes, with the mass ratio of the other modes as the residual. Raises `ValueError` if
+        no mode is retained."""
         analysis, retained = self._analysis(), self.retained
         residual = analysis.eta[..., retained:].sum(axis=-1) if retained < self.stories else 0.0
         return Modes(

@@ -643,9 +643,10 @@ def _make_building(
     Raises `ValueError` for missing or redundant arguments.
     """
     if stories is not None:
-        if masses is not None or stiffnesses is not None or period is None:
+        if masses is not None or stiffnesses is not None or period is None or is_concrete_zero(eta):
             raise ValueError(
-                f"{owner}: stories needs top_mass and period, and excludes story_masses and story_stiffnesses"
+                f"{owner}: stories needs top_mass > 0 and period, and excludes story_masses and "
+                "story_stiffnesses"
             )
         return ShearBuilding.uniform(stories, eta, period, damping, modes, height=heights)
     if masses is None or stiffnesses is None:
