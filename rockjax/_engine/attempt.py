@@ -24,13 +24,13 @@ from .runge_kutta import Acceleration, Step
 from .runge_kutta import step as runge_kutta
 from .state import Decision, LoopState, Plan, Scene
 
-# An event or breakpoint counts as simultaneous with the end of the scene if it comes less than this multiple
-# of the time resolution before it.
+# An event or breakpoint counts as simultaneous with the end of the scene if it precedes the end by less than
+# this multiple of the time resolution.
 SIMULTANEOUS = 100
 # Step-size control: safety factor, and the limits of the factor from one step length to the next.
 SAFETY, SHRINK, GROW = 0.85, 0.2, 5.0
-# Largest |y| in the power series of `_length` for the time from θ = 0 to the next impact. For y > 1 the
-# estimate never returns to θ = 0.
+# Largest |y| in the power series of `_length` for the time from θ = 0 to the next impact. For y > 1, θ of the
+# estimate never returns to 0.
 MAX_SERIES_ARGUMENT = 0.8
 GroundAcceleration = Callable[[Value], Value]  # t ↦ ü_g(t) on one piece of the excitation
 
@@ -46,20 +46,21 @@ class Attempt(NamedTuple):
     a0: Vector  # accelerations at the start
     end: Step  # state, accelerations and error estimates at the end
     error: Value  # estimated error divided by the tolerance
-    growth: Value  # factor on the step length that this error allows for the next step
+    growth: Value  # length of the next trial, according to the error, divided by the length of this trial
     finite: Flag  # the error is neither inf nor NaN
-    accurate: Flag  # the error is within the tolerance, or the step cannot be shortened any further
+    # The error is finite, and it is within the tolerance unless the step cannot be shortened any further.
+    accurate: Flag
     time_resolution: Value  # shorter times are rounding errors [s]
 
 
 class StepOutcome(NamedTuple):
-    """Outcome of a trial: accepted, shortened or rejected, and the events at its end. "Held constant" refers
-    to differentiation."""
+    """Outcome of a trial: whether the step is accepted or must be shortened, and the event at its end. "Held
+    constant" refers to differentiation."""
 
     accepted: Flag
     retry_fraction: Value  # fraction of this step that is tried next; inf if no shorter step is needed
-    lands: Flag  # the end of the step coincides with an event up to the small time difference `after`
-    after: Value  # time from the end of the step to its event or breakpoint, not held constant [s]
+    lands: Flag  # the step ends on an event, up to the small time difference `after`
+    after: Value  # time from the end of the step to the event or breakpoint there, not held constant [s]
     false_uplift: Flag  # the step does not confirm the uplift, so the columns return to full contact
     largest: tuple[Any, ...]  # largest value of each output in the step; None if the output has no maximum
 
@@ -125,13 +126,15 @@ def _length(
 ) -> tuple[Value, Flag]:
     """Return the length of the trial [s], and whether the trial ends at the time `stop`."""
     remaining = stop - state.t
+    # If the proposed step ends near the stop, one step or two steps cover the remaining time; see `SPLIT` in
+    # scene.py.
     covers_remaining = (state.h > 0.999 * remaining) & (
         (state.h < 1.001 * remaining) | (state.h > scene.unsplit_limit * remaining)
     )
     split = jnp.where(state.h > 0.5 * remaining, scene.split_fraction * remaining, state.h)
     h = jnp.where(covers_remaining, remaining, split)
-    # A step that starts at θ = 0 covers at most one hop, the motion up to the next impact. A short hop, in
-    # which θ̈ is nearly constant, lasts 2|θ̇/θ̈|.
+    # A step that starts at θ = 0 covers at most one hop, the motion up to the next impact. A hop with
+    # constant θ̈ lasts 2|θ̇/θ̈|.
     theta_dot = jax.lax.stop_gradient(state.v[0])
     returns = starts_at_zero & (theta_dot * theta_ddot < 0)
     safe_theta_ddot = jnp.where(returns, theta_ddot, 1.0)
@@ -170,10 +173,9 @@ def _to_impact(state: LoopState, theta_ddot: Value, jerk: Value, h: Value) -> Va
 
 
 def _jerk(state: LoopState, field: Acceleration, a0: Vector) -> Value:
-    """Return d³θ/dt³ at the start of the step [rad/s³].
+    """Return d³θ/dt³ at the start of the step [rad/s³], for the prediction of the next impact.
 
-    It predicts the next impact. It is computed only under sampled ground motions, or if an output needs every
-    impact.
+    It is used only under sampled ground motions, or if an output needs every impact.
     """
     rates = jnp.ones_like(state.t), state.v, a0
     _, jerks = jax.jvp(field, (state.t, state.x, state.v), rates)
@@ -181,7 +183,7 @@ def _jerk(state: LoopState, field: Acceleration, a0: Vector) -> Value:
 
 
 def scaled_error(scene: Scene, x: Vector, v: Vector, trial: Step) -> Value:
-    """Return the estimated error of a step divided by the tolerance, as a root mean square of positions and
+    """Return the estimated error of a step divided by the tolerance, as a root mean square over positions and
     velocities.
 
     - `scene`: the prepared scene, which holds the tolerances
@@ -220,7 +222,8 @@ def natural_units(c: Coefficients) -> tuple[Vector, Vector]:
 
 
 def step_factor(plan: Plan, error: Value) -> Value:
-    """Return the factor from a step length to the next, given the error divided by the tolerance."""
+    """Return the length of the next step divided by that of the present step, for an error divided by the
+    tolerance."""
     root = jnp.exp(-jnp.log(jnp.clip(error, 1e-30, 1e30)) / plan.tableau.order)  # cheaper than a power
     return jnp.clip(SAFETY * root, SHRINK, GROW)
 
@@ -232,8 +235,9 @@ def next_length(scene: Scene, state: LoopState, trial: Attempt, t: Value) -> Val
     - `state`, `trial`: the state before the accepted step, and the step
     - `t`: time at the end of the step [s]
 
-    If the step was shorter than `state.h` and its error is below half the tolerance, an event or a breakpoint
-    has shortened it. The proposal is then at least `state.h`, up to the largest step allowed.
+    If the step was shorter than `state.h` although its error is below half the tolerance, an event, a
+    breakpoint or a maximum has shortened it. The proposal is then at least `state.h`. It never exceeds the
+    longest step of the scene.
     """
     proposed = trial.h * trial.growth
     shortened = (trial.h < 0.99 * state.h) & (trial.error < 0.5)
@@ -248,8 +252,8 @@ def state_past(scene: Scene, state: LoopState, trial: Attempt, after: Value) -> 
     - `state`, `trial`: the state before the step, and the step
     - `after`: time past the end of the step [s]
 
-    The quintic through both ends of the step gives the third to fifth derivatives. Over a very short step,
-    the mean of the third derivative over the step is taken, and the fourth and fifth are set to zero.
+    The quintic through both ends of the step gives the third to fifth derivatives. If the step is very short,
+    the third derivative is its mean over the step, and the fourth and fifth are zero.
     """
     h = trial.h
     z = safe_ratio(after, h, h > 0)

@@ -1,8 +1,8 @@
 """Bounds on the remaining motion of a scene, from its energy.
 
-The potential well is the range of rotations from which gravity and restrainers pull the columns back. The
-uplift demand q is the left side of the uplift condition of Eq. (9): columns in full contact lift when |q|
-exceeds the threshold. Equations (C…) are in docs/equations.md, (L2) is in docs/floors.md.
+The potential well is the range of rotations from which gravity and restrainers pull the columns back. Columns
+in full contact lift when the uplift demand |q| exceeds its threshold, Eq. (9). Equations without a letter are
+those of docs/model.md. Equations (C…) are in docs/equations.md, (L2) is in docs/floors.md.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ class Bounds:
     - `c`: constants of the podium
     - `overturn_angle`: α_o [rad]
     - `well`: |θ| at the top of the potential well [rad]; with restrainers, at most the overturning angle
-    - `ground`, `vertical`: bounds on the remaining |ü_g| and |v̈_g| [m/s²]; `vertical` is the float 0.0 if
-      the ground does not move vertically
+    - `ground`, `vertical`: bounds on |ü_g| and |v̈_g| during the rest of the excitation [m/s²]; `vertical` is
+      the float 0.0 if the ground does not move vertically
     - `energy`: bound on the energy per mass N m_c of all columns, (C19) [m²/s²]
-    - `min_impact_speed`: largest |θ̇| before an impact that leads to rest [rad/s]
+    - `min_impact_speed`: the columns rest after an impact with |θ̇⁻| up to this speed [rad/s]
     - `stays_inside`: whether the rotation stays inside the well
-    - `rests`: whether the columns rest for good
-    - `demand`: bound on |q| in full contact [m/s²]; only if full contact is integrated step by step
+    - `rests`: whether the columns rest for good; the Python value False unless full contact is integrated
+    - `demand`: bound on |q| in full contact [m/s²]; only set if full contact is integrated
     - `velocity_amplitudes`: for each mode, bound on √(u̇_i² + ω_i²u_i²) in full contact [m/s]; None without
       modes
     """
@@ -115,7 +115,8 @@ class Bounds:
         return self
 
     def shared(self, make: Callable[[Self], T]) -> T:
-        """Return `make(self)`. All outputs share the result, which is computed once."""
+        """Return `make(self)`, which is computed once for each function `make`, so that outputs can share
+        it."""
         if make not in self._shared_results:
             self._shared_results[make] = make(self)
         return self._shared_results[make]
@@ -125,10 +126,16 @@ class Bounds:
         return rocking if isinstance(self.rests, bool) else jnp.where(self.rests, at_rest, rocking)
 
     def modal_sum(self, weights: Values, beam_weight: Value | float = 0.0) -> Value:
-        """Bound Σ w_i y_i over the modes i, for any y_i with |y_i| ≤ √(u̇_i² + ω_i²d_i²), where d_i is the
-        deformation. While the columns rock, the bound is √(2E(Σ w_i²/η_i + `beam_weight`)) with the bound E
-        on the energy. `beam_weight` is positive if the sum has a further term, proportional to the velocity
-        of the beam."""
+        """Bound |Σ w_i y_i| over the modes i, for any y_i with |y_i| ≤ √(u̇_i² + ω_i²d_i²), where d_i is the
+        deformation.
+
+        - `weights`: w_i
+        - `beam_weight`: weight of a further term in the sum, proportional to the velocity of the beam, in the
+          form of w_i²/η_i; 0 without such a term
+
+        While the columns rock, the bound is √(2E(Σ w_i²/η_i + `beam_weight`)), where E is the bound on the
+        energy. If they rest for good, it follows from `velocity_amplitudes`.
+        """
         rocking = jnp.sqrt(2 * self.energy * (summed(weights**2 / _nonzero(self.c.etas)) + beam_weight))
         return self.either(weighted(jnp.abs(weights), not_none(self.velocity_amplitudes)), rocking)
 
@@ -139,8 +146,8 @@ class Bounds:
         return self.either(not_none(self.velocity_amplitudes) / jnp.sqrt(omega2), rocking)
 
     def springs(self, weights: Values) -> Value:
-        """Bound Σ w_i F_i over the modes i [m/s²]. F_i is the force of spring and damper divided by the modal
-        mass, Eq. (7)."""
+        """Bound |Σ w_i F_i| over the modes i [m/s²]. F_i is the force of spring and damper divided by the
+        modal mass, Eq. (7)."""
         modes: Vibration = not_none(self.c.vibration)
         beam_weight = weighted(weights, modes.damping) ** 2 * self.c.two_R**2 / self.c.spin
         return self.modal_sum(weights * jnp.sqrt(modes.omega2 + modes.damping**2), beam_weight)
@@ -157,7 +164,8 @@ class Bounds:
         return self.beam if self.c.vibration is None else self.springs(jnp.ones_like(self.c.eta))
 
     def floor_acceleration(self, weights: Values) -> Value:
-        """Bound the absolute acceleration of a floor with the weights w_i of the modes, (L2) [m/s²]."""
+        """Bound the absolute horizontal acceleration of a floor, (L2) [m/s²]. `weights` are the weights of
+        the modes."""
         springs = self.springs(weights)
         if not_none(self.c.modal).residual is None:
             return springs
@@ -172,8 +180,8 @@ class Bounds:
     def angular_acceleration_bound(self, springs: Value | None) -> Value:
         """Bound |θ̈| + θ̇²|sin ψ| inside the well, (C20) [rad/s²].
 
-        `springs` is the bound on Σ η_iF_i [m/s²], or None if nothing vibrates. By Eq. (14) the result times
-        2R also bounds |ü_b|.
+        `springs` is a bound on |Σ η_iF_i| [m/s²], or None if nothing vibrates. By Eq. (14) 2R times the
+        result bounds |ü_b|.
         """
         c, max_energy, max_sin_psi = self.c, self.energy, self.max_sin_psi
         weight = c.gravity if isinstance(self.vertical, float) else c.gravity * (1 + self.vertical / c.g)

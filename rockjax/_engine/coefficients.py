@@ -28,7 +28,7 @@ class ModalConstants(NamedTuple):
     """Constants of a superstructure with several modes, a residual mass or floors."""
 
     eta: Values  # mass ratios η_i of the modes
-    shares: Values  # η_i divided by the mass ratio of the whole superstructure
+    shares: Values  # η_i divided by the mass ratio of the whole superstructure; equal if it has no mass
     residual: Value | None  # η_r of the residual mass, a part of γ; None if the modes have all the mass
     # Γ_iφ_ji, participation factor times mode shape, of the floors j and the modes i; None without floors.
     floors: Values | None
@@ -41,7 +41,7 @@ class Vibration(NamedTuple):
     demand: Values  # factor of the spring forces in the uplift demand, 2η_i/(1+2γ), Eq. (9)
     omega2: Values  # ω_i² [rad²/s²]
     damping: Values  # 2ζ_iω_i [rad/s]
-    uplifted_frequency: Value  # frequency after uplift, Eq. (31), or the largest of several, (C15) [rad/s]
+    uplifted_frequency: Value  # highest frequency on lifted columns, Eq. (31) or (C15) [rad/s]
     modal: ModalConstants | None  # None for a single mode that is the whole superstructure
 
 
@@ -89,11 +89,11 @@ class Coefficients(NamedTuple):
     uplift: Value  # uplift threshold q_up, Eq. (9) [m/s²]
     two_R: Value  # 2R [m]
     inertia: Value  # 3γ + ¾(1+λ), Eq. (24)
-    centrifugal: Value  # 3η
-    gravity: Value  # p² (2η+2γ+1)
-    ground: Value  # p² (2γ+1)/g
-    weight: Value  # 2Rg (η+γ+½), Eq. (19)
-    spin: Value  # (1+λ+4γ) R², Eq. (18)
+    centrifugal: Value  # 3η, Eq. (24)
+    gravity: Value  # p² (2η+2γ+1), Eq. (24) [1/s²]
+    ground: Value  # p² (2γ+1)/g, Eq. (24) [1/m]
+    weight: Value  # 2Rg (η+γ+½), Eq. (19) [m²/s²]
+    spin: Value  # (1+λ+4γ) R², Eq. (18) [m²]
     impulse_factor: Value  # C of the energy bound, see `energy_after`
     g: Value  # [m/s²]
     eta: Value  # η, ratio of the vibrating mass
@@ -115,8 +115,8 @@ class Coefficients(NamedTuple):
 
 def divided_by_inertia(c: Coefficients) -> Coefficients:
     """Return constants that are valid in `acceleration` only. If the inertia is constant (a rigid podium
-    without restrainers), `gravity` and `ground` are divided by it, and each stage of a step saves a
-    division."""
+    without restrainers), `gravity` and `ground` are divided by the inertia, and each stage of a step saves a
+    division. Otherwise the constants are unchanged."""
     if c.vibration is not None or c.restraint is not None:
         return c
     gravity, ground = barrier((c.gravity / c.inertia, c.ground / c.inertia))
@@ -124,7 +124,7 @@ def divided_by_inertia(c: Coefficients) -> Coefficients:
 
 
 def not_none(value: T | None) -> T:
-    """Return a value of optional type that is known not to be None."""
+    """Return a value whose type is optional, but which is not None."""
     assert value is not None
     return value
 
@@ -139,7 +139,7 @@ def weighted(weights: Values, values: Values) -> Value:
     return summed(weights * values)
 
 
-SLIP = 1e-8  # default of the tolerance `slip`
+SLIP = 1e-8  # default of the argument `slip` of `coefficients`
 SMOOTHED_BELOW = 10.0  # steep forces are smoothed where |θ̇|/(pα) is below this multiple of `slip`
 
 
@@ -149,7 +149,8 @@ def coefficients(
     """Return the constants of Eqs. (9), (19), (22), (24), (27) for one podium; use `vmap` for batches.
 
     - `podium`: the podium, with scalar parameters
-    - `slip`: relative tolerance; forces of dampers with ν < 1 are smoothed below |θ̇|/(pα) = 10 `slip`
+    - `slip`: relative tolerance [–]; forces of restrainers with an infinite slope at θ̇ = 0, such as dampers
+      with an exponent ν < 1, are smoothed below |θ̇|/(pα) = 10 `slip`
     - `vertical`: whether the ground moves vertically as well
     - `joints`: whether joint forces are requested
     """

@@ -1,5 +1,8 @@
-"""Energies, Eqs. (16) to (19) of docs/model.md and (C3) to (C17) of docs/equations.md, and bounds on them,
-(C19)."""
+"""Energies of a podium, Eqs. (16) to (19), and a bound on the later energy, (C19).
+
+Equations without a letter are those of docs/model.md; (C8) is in docs/control.md, and the other equations
+(C…) are in docs/equations.md.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,8 @@ from .model import elongation
 
 
 def rotational_inertia(c: Coefficients, sigma: Value, theta: Value) -> Value:
-    """Return the inertia of Eq. (24) for a superstructure fixed to the beam, including inerters, (C21)."""
+    """Return the factor I of θ̈ in Eq. (24) or, with inerters, (C8), for a superstructure that is fixed to the
+    beam, (C21) [–]."""
     total, mass = c.inertia + c.centrifugal, _apparent_mass(c)
     if mass is None:
         return total
@@ -22,7 +26,8 @@ def rotational_inertia(c: Coefficients, sigma: Value, theta: Value) -> Value:
 
 
 def spin_with_inerters(c: Coefficients, sigma: Value, theta: Value) -> Value:
-    """Return the factor of ½θ̇² in the kinetic energy of Eq. (18), including inerters, (C17)."""
+    """Return the factor of ½θ̇² in the kinetic energy of columns and beam, Eq. (18), and of inerters, (C17),
+    per N m_c [m²]."""
     mass = _apparent_mass(c)
     if mass is None:
         return c.spin
@@ -35,7 +40,7 @@ def _apparent_mass(c: Coefficients) -> Value | None:
 
 def potential(c: Coefficients, sigma: Value, theta: Value) -> Value:
     """Return the potential energy of gravity, Eq. (19), and of restrainers, (C3), per mass N m_c of all
-    columns [m²/s²]. It is zero in full contact."""
+    columns [m²/s²]. The potential energy is zero in full contact."""
     s, cos = sincos(0.5 * theta)
     # cos ψ − cos α is computed as 2 sin(|θ|/2) sin(α − |θ|/2), which has no cancellation at small rotations.
     stored = c.weight * 2 * sigma * s * (c.sin_alpha * cos - c.cos_alpha * sigma * s)
@@ -72,13 +77,14 @@ def energy(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Value:
 
 
 def vertical_impulse_weight(c: Coefficients, max_sin_psi: Value) -> Value:
-    """Return the weight of ∫|v̈_g| dt relative to ∫|ü_g| dt in (C19), if |sin ψ| ≤ `max_sin_psi`."""
+    """Return C_v/C of (C19), the weight of ∫|v̈_g| dt relative to ∫|ü_g| dt, where `max_sin_psi` is a bound on
+    |sin ψ|."""
     spin, weight = c.spin / (0.5 * c.two_R) ** 2, c.gravity / c.p**2
     return weight * max_sin_psi / jnp.sqrt(2 * (spin + 4 * c.eta * max_sin_psi**2)) / c.impulse_factor
 
 
 def energy_after(c: Coefficients, now: Value, impulse: Value) -> Value:
-    """Bound the energy E at all later times, from its present value and the remaining impulse of the ground.
+    """Bound the energy E at all later times, from the present energy and the remaining impulse of the ground.
 
     - `now`: present energy per N m_c [m²/s²]
     - `impulse`: ∫|ü_g| dt over all later times [m/s]

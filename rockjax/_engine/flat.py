@@ -1,7 +1,7 @@
 """The flat engine: a single loop over the trial steps of a scene.
 
-The loop can store its accepted steps as nodes, and the decisions of its steps (their lengths and events),
-from which the scene can be repeated.
+The loop can store its accepted steps as nodes. It can also store the decisions of these steps (their lengths
+and events), from which the scene can be repeated.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ from rockjax._types import Index, Value
 from .state import Decision, LoopState, Plan, Scene, StepInfo, ready_for_tangents
 from .step import step
 
-# A scene that has used up its steps can be CHATTERING or TOO_STIFF only after at least this many trials.
+# The result of a scene that has used up its steps can be CHATTERING or TOO_STIFF only after at least this
+# many trials; otherwise it is OUT_OF_STEPS.
 MANY_STEPS = 50_000
 # The result is CHATTERING if more than this fraction of the accepted steps end with an impact.
 BOUNCING = 0.2
@@ -30,8 +31,8 @@ MAX_RADIANS = 50_000
 
 
 class Nodes(NamedTuple):
-    """Accepted steps of a scene. Node k is the state after k steps; if step k ends with an impact, the state
-    after the impact."""
+    """Accepted steps of a scene. Node k is the state after k steps. If step k ends with an event, it is the
+    state after the event."""
 
     t: Float[Array, " n"]  # times [s]; inf for unused nodes
     x: tuple[Float[Array, " n ..."], ...]  # positions
@@ -39,7 +40,7 @@ class Nodes(NamedTuple):
     sigma: Float[Array, " n"]  # contact modes
     piece: Array  # pieces of the excitation
     impact_time: Float[Array, " n"]  # time of the impact [s]; NaN unless the node is an impact
-    event_time: Float[Array, " n"]  # equal to `t`, but differentiated as the time of the event there [s]
+    event_time: Float[Array, " n"]  # equal to `t`, but not held constant under differentiation [s]
     used: Index  # number of appended nodes; may exceed the capacity n
 
 
@@ -159,12 +160,12 @@ def solve_scene(
     """Integrate a scene, with or without derivatives in reverse mode.
 
     - `scene`, `plan`, `state`, `max_steps`: as in `run`
-    - `capacity`: number of nodes to store, or None; a scene with more nodes ends with HISTORY_FULL
+    - `capacity`: number of nodes to store; None stores none. A scene with more nodes ends with HISTORY_FULL
     - `reversible`: whether to integrate twice: first to record the decisions, then to replay them in a loop
       that also has derivatives in reverse mode
 
     Returns two final states, and the nodes or None. Use the floats of the first state, and the integers and
-    flags of the second. Both states are the same unless `reversible`.
+    flags of the second. The two are the same state unless `reversible`.
     """
     if not reversible:
         if capacity is None:
@@ -189,8 +190,9 @@ def _run_and_store(scene: Scene, plan: Plan, state: LoopState, max_steps: int, s
     - `stored`: storage at the start
 
     Returns the final state and the storage. Under `vmap` each scene is a lane of one loop. All lanes leave
-    the loop together; a lane whose scene has ended stores nothing more. With this common loop condition an
-    iteration writes only one row of the storage. With a condition for each lane JAX would copy all rows.
+    the loop together; a lane whose scene has ended stores nothing more. Because of this common condition, an
+    iteration writes only one row of the storage of each lane. If each lane had its own condition, JAX would
+    copy all rows.
     """
 
     def body(carry):
@@ -218,8 +220,8 @@ def replay(
     - `capacity`: number of nodes to store; None stores none
 
     Returns the final state, and the nodes or None. Reverse mode computes steps again from checkpoints. As two
-    programs round differently, a step might otherwise be accepted the first time and rejected the second
-    time, and states and cotangents would belong to different times. Recorded decisions prevent this.
+    programs round differently, a step might be accepted the first time and rejected the second time. States
+    and cotangents would then belong to different times. Recorded decisions prevent this.
 
     Checkpoints have two levels: one before each block of about √`max_steps` steps, and one before each step
     of the block that is being computed again. A checkpoint contains only the state. More levels or more data

@@ -1,8 +1,8 @@
 """The guard of a contact mode over a step, and the time at which it breaks.
 
 A contact mode (full contact, or rocking on one side) lasts as long as a quantity, its guard, stays within
-limits. The guard breaks when it leaves these limits, which is an event: an impact, overturning or an uplift.
-A turning point is a maximum or minimum of the guard.
+limits. The guard breaks when it leaves these limits. This is an event: an impact, overturning or an uplift. A
+turning point is a maximum or minimum of the guard.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ from .state import LoopState, Plan, Scene
 class Guard(NamedTuple):
     """The guard over a trial step.
 
-    While rocking the guard is σθ, which stays between 0 and the overturning angle. In full contact it is the
-    uplift demand q of Eq. (9), which stays within the threshold ±q_up.
+    While rocking the guard is σθ, with the limits 0 and the overturning angle. In full contact it is the
+    uplift demand q, with the limits ±q_up, Eq. (9) of docs/model.md.
 
     The fields are valid if there is at most one turning point. If there may be more, `turns_twice` is True,
     and the step is halved. All fields but `path`, `at_end` and `clearance_at_end` are held constant under
-    differentiation.
+    differentiation. z is the time since the start of the step, divided by its length.
     """
 
     path: Quintic  # the guard over the step, as a function of z ∈ [0, 1]
@@ -48,15 +48,17 @@ class Guard(NamedTuple):
     rising_at_end: Flag  # the guard increases at the end
     turned: Flag  # the guard has a turning point: its slopes at start and end have opposite signs
     turn: Value  # z of the turning point; 1 if there is none
-    turn_value: Value  # value at the turning point; at the end of the step if there is none
-    end_value: Value  # value at the end
+    turn_value: Value  # value at the turning point; `end_value` if there is none
+    end_value: Value  # value at the end of the step
     breaks_before_turn: Flag  # the guard is outside its limits at the turning point
     breaks_after_turn: Flag  # the guard is outside its limits at the end, but not at the turning point
     break_point: Value  # z at which the guard breaks, valid if it breaks in the step
-    clearance_at_end: Quintic  # signed distance to the limit, positive inside, in the time past the end [s]
+    # Signed distance of the guard to the limit that it approaches at the end, positive inside the limits, as
+    # a cubic in the time past the end of the step [s].
+    clearance_at_end: Quintic
     time_past_end: Value  # root of `clearance_at_end` [s], valid if `converges` is set
-    converges: Flag  # Newton's method converges to the root
-    turns_twice: Flag  # the guard turns more than once, and may break in between
+    converges: Flag  # Newton's method converges to this root
+    turns_twice: Flag  # the guard turns more than once, and may break between the turning points
 
 
 def evaluate_guard(
@@ -140,11 +142,12 @@ def evaluate_guard(
 def _paths(
     scene: Scene, plan: Plan, state: LoopState, ground_at, h: Value, a0: Vector, end: Step
 ) -> tuple[Quintic, Quintic]:
-    """Return the guard over the step as a quintic in z, and near the end of the step as a cubic in time.
+    """Return the guard over the step as a quintic in z, and near the end of the step as a cubic in the time
+    past the end.
 
     In full contact the derivatives of the guard in time come from `demand_jet`. The cubic has exactly the
-    value, slope and curvature at the end of the step, whereas over a very short step the slopes of the
-    quintic are differences of nearly equal numbers.
+    value, slope and curvature of the guard at the end of the step. Over a very short step the quintic does
+    not, because its slopes are differences of nearly equal numbers.
     """
     c, sigma = scene.c, state.sigma
     angle = tuple(sigma * y for y in (state.x[0], state.v[0], a0[0], end.x[0], end.v[0], end.a[0]))
@@ -167,8 +170,8 @@ def _paths(
 
 
 def _through(ends: Iterable[Value], h: Value, max_step: Value) -> tuple[Quintic, Quintic]:
-    """Return the quintic over a step, and the cubic in time near its end. `ends` are value, slope and
-    curvature at the start, then at the end."""
+    """Return the quintic over a step, and the cubic in the time past its end. `ends` contains value, slope
+    and curvature at the start, then at the end."""
     x0, v0, a0, x1, v1, a1 = ends
     zero = jnp.zeros_like(x1)
     path = quintic(x0, v0, a0, x1, v1, a1, h)
@@ -177,7 +180,7 @@ def _through(ends: Iterable[Value], h: Value, max_step: Value) -> tuple[Quintic,
 
 
 def _clearance(scene: Scene, rocking: Flag, guard: Quintic, value: Value, falling: Flag) -> Quintic:
-    """Return the signed distance of the guard to one of its limits, positive inside.
+    """Return the signed distance of the guard to one of its limits, positive inside the limits.
 
     - `scene`, `rocking`: the prepared scene, and whether the columns rock
     - `guard`: the guard as a polynomial

@@ -1,8 +1,9 @@
-"""The quintic Hermite polynomial of a step, on z ∈ [0, 1], with its turning points and roots.
+"""The quintic Hermite polynomial of a quantity over a step, with its turning points and roots.
 
-The polynomial matches value, slope and curvature at both ends of a step. Its error is O(h⁶) with a small
-constant, below the local error of a fifth-order method. For locating events this suffices with methods of any
-order: the polynomial only proposes where a step ends, and steps end on events.
+The polynomial in z ∈ [0, 1], the time since the start of the step divided by the length h of the step,
+matches value, slope and curvature at both ends. Its error is O(h⁶) with a small constant, below the local
+error of a fifth-order method. For locating events this suffices with methods of any order: the polynomial
+only proposes where a step ends, and steps end on events.
 """
 
 from __future__ import annotations
@@ -19,13 +20,14 @@ from rockjax._types import Flags, Value, Values
 
 from .ratio import safe_ratio
 
-# Iterations of the safeguarded Newton searches. Derivatives of peaks need turning points accurate to about
-# 1e-6. Crossings may be less accurate, since they only propose the end of the next trial.
+# Numbers of iterations of the safeguarded Newton searches. Derivatives of peaks need turning points accurate
+# to about 1e-6. Crossings may be less accurate, since they only propose the end of the next trial.
 _TURN_ITERATIONS, _CROSSING_ITERATIONS = 5, 4
 
 
 class Quintic(NamedTuple):
-    """Coefficients of a polynomial c0 + c1 z + … + c5 z⁵, or of an array of such polynomials."""
+    """Coefficients of a polynomial c0 + c1 z + … + c5 z⁵, or of an array of such polynomials. Slopes and
+    curvatures are derivatives with respect to z."""
 
     c0: Values
     c1: Values
@@ -73,7 +75,7 @@ def quintic(x0: Values, v0: Values, a0: Values, x1: Values, v1: Values, a1: Valu
 def middle(
     x0: Values, v0: Values, a0: Values, x1: Values, v1: Values, a1: Values, h: Value
 ) -> tuple[Values, Values]:
-    """Return the value and the slope in time of a quintic at z = 0.5.
+    """Return the value and the slope in time, at z = 0.5, of the quintic through both ends of a step.
 
     - `x0`, `v0`, `a0`: value, slope and curvature at the start
     - `x1`, `v1`, `a1`: value, slope and curvature at the end
@@ -85,10 +87,10 @@ def middle(
 
 
 def third_at_end(path: Quintic, a0: Values, a1: Values, h: Value, max_step: Value) -> Values:
-    """Return h³/3! times the third derivative at the end of a step.
+    """Return h³/3! times the third derivative in time at the end of a step.
 
     - `path`: quintic of the step
-    - `a0`, `a1`: curvatures at both ends
+    - `a0`, `a1`: curvatures in time at both ends
     - `h`: length of the step [s]
     - `max_step`: longest step of the scene [s]
 
@@ -119,7 +121,7 @@ def derivative(coefficients: Sequence[Values]) -> list[Values]:
 @functools.partial(jax.jit, static_argnames="iterations")
 def _safeguarded_newton(f: Sequence[Values], lo: Values, hi: Values, z: Values, iterations: int) -> Values:
     """Return the root of a polynomial that is positive at `lo` and negative at `hi`, by Newton's method from
-    z, safeguarded by bisection."""
+    the guess `z`, safeguarded by bisection."""
     f, df, z = barrier((list(f), derivative(f), z))
     for _ in range(iterations):
         value, slope = barrier(_horner(f, z)), _horner(df, z)
@@ -132,12 +134,13 @@ def _safeguarded_newton(f: Sequence[Values], lo: Values, hi: Values, z: Values, 
 
 
 def turning_point_or_dip(polynomial: Quintic, turned: Flags, rising: Flags) -> tuple[Values, Flags]:
-    """Return the turning point of a quantity over a step, or its dip, and whether the quantity turns twice.
+    """Return the position z of the turning point, or else of the dip, of a quantity over a step, and whether
+    the quantity turns twice.
 
-    If the slopes at both ends have opposite signs (`turned`), the first result z is the turning point.
-    Otherwise the slope has the same sign at both ends (positive if `rising`), and z is the dip: the zero of
-    the curvature at which a positive slope is least, or a negative slope largest. If the slope has the other
-    sign there, the quantity turns twice, once before and once after z.
+    If the slopes at both ends have opposite signs (`turned`), z is the turning point. Otherwise the slope has
+    the same sign at both ends (positive if `rising`), and z is the dip: the zero of the curvature at which a
+    positive slope is least, or a negative slope largest. If the slope has the other sign at the dip, the
+    quantity turns twice, once before and once after z.
     """
     return turning_point_of_slope(derivative(polynomial), jnp.abs(polynomial.c0), turned, rising)
 
@@ -163,7 +166,8 @@ def turning_point_of_slope(
 
 
 def _first_zero(f: Sequence[Values]) -> Values:
-    """Return the root in (0, 1) of a slope that is positive just after z = 0 and negative at z = 1.
+    """Return the root in (0, 1) of a slope (a polynomial) that is positive just after z = 0 and negative at
+    z = 1.
 
     A motion that begins at rest, such as an uplift, has the slope zero at z = 0. After an uplift without a
     jump of the ground acceleration, the curvature there is zero too, up to rounding. As z = 0 is no turning

@@ -14,8 +14,8 @@ EXPLICIT = ("tsit5", "dopri8", "dopri5", "bosh3")
 
 
 def solver_of(method: str | diffrax.AbstractSolver) -> diffrax.AbstractSolver:
-    """Return the Diffrax solver of a method; a solver is returned as it is. Raises `ValueError` for unknown
-    names."""
+    """Return the Diffrax solver of a method name; a solver is returned as it is. Raises `ValueError` for
+    unknown names."""
     import diffrax
 
     if isinstance(method, diffrax.AbstractSolver):

@@ -1,14 +1,14 @@
 """One explicit Runge–Kutta step for second-order systems.
 
-For x' = v, v' = a(t, x, v), stages need only their accelerations k_j:
+For x' = v, v' = a(t, x, v), a step needs only the accelerations k_j of its stages:
 
     x_i = x + c_i h v + h² Σ_j (AA)_ij k_j
     v_i = v + h Σ_j A_ij k_j
 
 Here h is the length of the step, c_i are the times of the stages as fractions of h, A contains the weights of
 the method, and AA is the matrix product A·A. This is algebraically the same as the method for first-order
-systems. A Nyström method has independent weights in AA; A is stored as zero. If the acceleration does not
-depend on the velocity, the compiler removes the velocities of the stages.
+systems. In the tableau of a Nyström method, AA contains independent weights, and A is zero. If the
+acceleration does not depend on the velocity, the compiler removes the velocities of the stages.
 """
 
 from __future__ import annotations
@@ -30,15 +30,16 @@ Acceleration = Callable[[Value, Vector, Vector], Vector]  # (t, x, v) ↦ v'
 class Step(NamedTuple):
     """State, accelerations and error estimates at the end of a trial step."""
 
-    x: Vector
-    v: Vector
-    a: Vector  # accelerations at the end
-    x_error: Vector
-    v_error: Vector
+    x: Vector  # positions
+    v: Vector  # velocities
+    a: Vector  # accelerations
+    x_error: Vector  # error estimates of the positions
+    v_error: Vector  # error estimates of the velocities
 
 
 def _weighted_sum(weights: np.ndarray, k: list[Vector], component: int) -> Values | float:
-    """Return component `component` of Σ_j w_j k_j, summed over the stages computed so far."""
+    """Return the element `component` of Σ_j w_j k_j, where k contains the accelerations of the stages that
+    have been computed. Further weights are ignored."""
     total = 0.0
     for weight, stage in zip(weights, k, strict=False):
         # Entries of the matrix product AA that should be zero contain rounding errors.

@@ -1,8 +1,8 @@
 """Preparation of a scene for the loop: the plan, the constants and the initial state.
 
 The plan holds the choices that are fixed at compilation. If errors are estimated, every scene is solved
-twice. The second solution has other settings (a smaller rest velocity, other step lengths), and
-`Options._stride` is below 1.
+twice. In the second solution `Options._stride` is below 1, and this module chooses other settings (a smaller
+rest velocity, other step lengths).
 """
 
 from __future__ import annotations
@@ -58,12 +58,13 @@ def plan_for(
     rotation = PeakRotation(requested="peak_rotation" in requested)
     others = [output for name, output in requested.items() if name != "peak_rotation"]
     outputs = (rotation, *others, *extra_outputs)
-    # A history stores every step, so neither bounces nor samples are skipped. Samples are skipped by steps of
-    # a method of order 8, and therefore only if the method of the options has order 7 or more.
+    # A history stores every step, so neither bounces nor samples are skipped. The steps that skip samples
+    # have order 8. They are used only if the method of the options has at least order 7.
     eligible = [] if elastic else ["rest"] if history else ["rest", "bounces", *["samples"] * (tab.order > 6)]
     if (vertical or podium.restrainers) and any(output.needs_simple_contact for output in outputs):
         eligible = []
     names = allowed(outputs, eligible)
+    # Samples and bounces may be skipped only together with full contact, as `follows_contact` assumes.
     return Plan(
         elastic=elastic,
         outputs=outputs,
@@ -74,26 +75,26 @@ def plan_for(
     )
 
 
-# In the second solution rocking stops about IMPACTS_LATER impacts later. For this the rest velocity is
-# multiplied by e^IMPACTS_LATER, limited to [MIN_REST_FACTOR, MAX_REST_FACTOR], with the restitution factor e.
-# The factor is MIN_REST_FACTOR if nothing vibrates and an impact takes little speed, 1 − e < LITTLE_LOSS ·
-# rtol.
+# In the second solution rocking stops about IMPACTS_LATER impacts later, because the rest velocity is
+# multiplied by e^IMPACTS_LATER, clipped to [MIN_REST_FACTOR, MAX_REST_FACTOR]; e is the restitution factor.
+# If nothing vibrates and an impact takes little speed, 1 − e < LITTLE_LOSS · rtol, the factor is
+# MIN_REST_FACTOR.
 IMPACTS_LATER, MAX_REST_FACTOR, MIN_REST_FACTOR, LITTLE_LOSS = 3, 0.5, 1e-4, 100.0
-# A step counts as ending on an event if the time between them, divided by the length of the step, is at most
-# LANDING · √rtol and at most MAX_LANDING. A Taylor expansion at the end of the step then carries the state to
-# the event.
+# A step ends on an event if the time from the end of the step to the event, divided by the length of the
+# step, is at most LANDING · √rtol and at most MAX_LANDING. A Taylor expansion at the end of the step then
+# carries the state to the event.
 LANDING, MAX_LANDING = 10.0, 0.02
 # If a breakpoint of the ground motion (a jump or kink) is less than two steps away, the first solution takes
-# one step or two equal steps to it. The second solution divides the distance unequally, after a third, so
-# that its errors differ. It takes two steps even if one would suffice, unless the proposed step is longer
-# than UNSPLIT_SECOND times the distance.
+# one step or two equal steps to it. In the second solution, the first of two steps covers a third of the
+# distance, so that the errors differ. The distance is divided even if one step would suffice, unless the
+# proposed step is longer than UNSPLIT_SECOND times the distance.
 SPLIT, SPLIT_SECOND, UNSPLIT_SECOND = 0.5, 1 / 3, 2.0
 LANDING_SECOND = 0.1  # factor on the landing fraction in the second solution, so that landing errors differ
 
 
 def default_end(podium: Podium, excitation: AbstractExcitation) -> Value:
-    """Return the default end of a scene [s]: max(30/p, 10 T_s) after the end of the excitation, with the
-    longest period T_s of the superstructure."""
+    """Return the default end of a scene [s]: max(30/p, 10 T_s) after the end of the excitation, where T_s is
+    the longest period of the superstructure; 30/p if nothing vibrates."""
     after = 30 / podium.p
     modes = None if podium.superstructure is None else podium.superstructure.oscillators
     if modes is not None:
@@ -108,19 +109,19 @@ def _by_solution(options: Options, second: Value | float, first: Value | float) 
 
 
 def _estimate_factor(plan: Plan, options: Options) -> Value | None:
-    """Return the factor on error estimates of unusually low order.
+    """Return the factor that corrects error estimates of unusually low order; None if the order is usual.
 
-    The order of an error estimate is usually the order of the method minus one; the result is then None. If
-    the order of the estimate is lower by a further n, the estimate is too large by the factor
-    rtol^(−n/order), with the order of the method, at the longest steps that the tolerance allows. The result
-    is the reciprocal of this factor.
+    For a method of order k, the usual order of the error estimate is k − 1. An estimate of order k − 1 − n is
+    too large by a factor of about rtol^(−n/k) at the longest steps that the tolerance allows. The result is
+    rtol^(n/k).
     """
     missing_order = plan.tableau.order - 1 - plan.tableau.estimate
     return jnp.asarray(options.rtol) ** (missing_order / plan.tableau.order) if missing_order else None
 
 
 def _max_step(c: Coefficients) -> Value:
-    """Return the longest step that resolves rocking and the vibration while rocking [s]."""
+    """Return the longest step [s] that resolves rocking, also with tendons, and the vibration of the
+    superstructure on lifted columns."""
     max_step = 1 / c.p
     fastest = None if c.restraint is None else c.restraint.restrained_frequency
     if c.vibration is not None:
@@ -138,7 +139,9 @@ def _max_excited_step(excitation: AbstractExcitation, max_step: Value, options: 
     is_pair = isinstance(excitation, GroundMotion)
     components = (excitation.horizontal, excitation.vertical) if is_pair else (excitation,)
     intervals = [component.sampling.dt for component in components if isinstance(component, AbstractSampled)]
-    if len(intervals) == len(components):  # steps end on every sample, so they last at most one interval
+    # If all components are sampled, steps end on every sample, so they last at most one interval. In the
+    # second solution they are shorter, so that its errors differ.
+    if len(intervals) == len(components):
         shortest = functools.reduce(jnp.minimum, intervals)
         max_excited_step = _by_solution(
             options, jnp.minimum(max_excited_step, (1 - SPLIT_SECOND) * shortest), max_excited_step
@@ -147,6 +150,8 @@ def _max_excited_step(excitation: AbstractExcitation, max_step: Value, options: 
 
 
 def _lookahead(excitation: AbstractExcitation, c: Coefficients, plan: Plan) -> AbstractLookahead:
+    """Return the lookahead, with a threshold only if the podium goes directly to its next uplift. Joint
+    forces during rests also need the extremes of ü_g on either side."""
     threshold = None if plan.follows_contact else c.uplift
     if isinstance(excitation, GroundMotion):
         return excitation.lookahead(threshold, not_none(c.uplift_slope))
@@ -155,8 +160,8 @@ def _lookahead(excitation: AbstractExcitation, c: Coefficients, plan: Plan) -> A
 
 
 def _landing_fraction(options: Options) -> Value:
-    """Return the largest distance at which a step still ends on an event, divided by the length of the
-    step."""
+    """Return the largest time from the end of a step to an event on which the step still ends, divided by the
+    length of the step."""
     fraction = jnp.minimum(LANDING * jnp.sqrt(options.rtol), MAX_LANDING)
     return fraction * _by_solution(options, LANDING_SECOND, 1.0)
 
@@ -164,7 +169,8 @@ def _landing_fraction(options: Options) -> Value:
 def _rest_speed(c: Coefficients, options: Options) -> Value:
     """Return the rest velocity: columns come to rest at an impact if |θ̇⁺| is at most this speed [rad/s].
 
-    In the second solution rocking stops some impacts later, which shows the error due to the rest velocity.
+    In the second solution rocking stops some impacts later, so that the difference of the solutions shows
+    the error due to the rest velocity.
     """
     relative = options.rtol if options.rest_velocity is None else options.rest_velocity
     e = jnp.clip(c.restitution, 0.0, 1.0)
@@ -204,8 +210,8 @@ def prepare(
 
     - `podium`, `excitation`: structure and ground motion, with scalar parameters
     - `initial`: initial state
-    - `t_end`: end of the scene [s]; None for the default
-    - `options`, `plan`: options of the solver, and the choices fixed at compilation that follow from them
+    - `t_end`: end of the scene [s]; None for the default, `default_end`
+    - `options`, `plan`: options of the solver, and the result of `plan_for`
     """
     scene = _scene(podium, excitation, t_end, options, plan)
     return scene, _first_state(scene, initial, plan)
@@ -235,7 +241,7 @@ def _scene(
         overturn_angle=options.overturn_ratio * c.alpha,
         rest_speed=rest_speed,
         estimate_factor=_estimate_factor(plan, options),
-        skip_below=_by_solution(options, 0.0, 1.0),  # the second solution skips no sample, to show the error
+        skip_below=_by_solution(options, 0.0, 1.0),  # the second solution skips no sample
         log_restitution=constant(-jnp.log(jnp.clip(c.restitution, 0.0, 1.0))),
         min_impact_speed=constant(rest_speed / jnp.maximum(c.restitution, jnp.finfo(rest_speed.dtype).tiny)),
         landing_fraction=_landing_fraction(options),

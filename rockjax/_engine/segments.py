@@ -8,8 +8,8 @@ made:
 
 - The time of the event according to the interpolant is a first guess. The segment is solved again up to this
   time, and Newton's method finds the event from there.
-- The interpolant is sampled densely. If the guard (see `guard.py`) leaves its limits and returns within a
-  step, the segment is solved again up to the first sample outside the limits.
+- The interpolant is sampled densely. If Diffrax has missed an event because the guard (see `guard.py`) leaves
+  its limits and returns within a step, the segment is solved again up to the first sample outside the limits.
 - After an impact or an uplift the guard is exactly zero. The first step is then shorter than the hop (the
   motion up to the next impact), so that it cannot miss this impact.
 - The interpolant is used to locate peaks, not to compute them: the segment is solved again up to the time of
@@ -41,8 +41,8 @@ from .model import acceleration, uplift_demand
 from .state import LoopState, Plan, Scene
 from .transitions import transition
 
-STEPS = 4096  # limit of steps of one solve; a segment with more steps is continued by another solve
-SAMPLES = 513  # number of samples of the interpolant, in which peaks and missed events are searched
+STEPS = 4096  # largest number of steps of one solve; another solve continues a segment with more steps
+SAMPLES = 513  # number of samples of the interpolant, among which peaks and missed events are sought
 Motion = tuple[Vector, Vector]  # positions and velocities
 Rows = tuple[Float[Array, " n ..."], ...]  # for each degree of freedom, values at n nodes
 
@@ -81,12 +81,13 @@ def run_segments(
 
 
 def _row(state: LoopState) -> tuple[Any, Rows, Rows]:
-    """Return time, positions and velocities of a state as one row each."""
+    """Return time, positions and velocities of a state, with a first axis of length 1, for `_append`."""
     return jax.tree.map(lambda y: y[None], (state.t, state.x, state.v))
 
 
 def _append(nodes: Nodes, state: LoopState, ts, xs: Rows, vs: Rows, impact_time: Any = jnp.nan) -> Nodes:
-    """Append nodes at the times `ts`; nodes with the time inf are left out."""
+    """Append nodes at the times `ts` with positions `xs` and velocities `vs`; nodes with the time inf are
+    left out. Contact mode and piece are those of `state`."""
     valid = jnp.isfinite(ts)
     at = jnp.where(valid, nodes.used + jnp.cumsum(valid, dtype=jnp.int32) - 1, nodes.t.shape[0])
 
@@ -110,9 +111,9 @@ class _ContactMode(NamedTuple):
     divided by their natural units (`scaled`)."""
 
     scene: Scene
-    sigma: Value
-    ground_at: Callable[[Value], Value]
-    units: Motion
+    sigma: Value  # contact mode
+    ground_at: Callable[[Value], Value]  # t ↦ ground acceleration on the piece [m/s²]
+    units: Motion  # natural units of positions and velocities
 
     @property
     def rocking(self) -> Flag:
@@ -141,8 +142,8 @@ class _ContactMode(NamedTuple):
 
 
 def _solver(mode: _ContactMode, options: Options, state: LoopState, stop: Value) -> Callable[..., Any]:
-    """Return the function (t1, saveat, event) ↦ Diffrax solution from the state to the time t1 or the
-    event."""
+    """Return the function (t1, saveat, event) ↦ Diffrax solution from the given state to the time t1, or to
+    the event if that is earlier."""
     scene, t0 = mode.scene, state.t
     start = mode.scaled((state.x, state.v))
     a0 = mode.accelerations(t0, state.x, state.v)
@@ -187,7 +188,7 @@ class _Path(NamedTuple):
     reached: Value  # time that the solution has reached [s]
     fired: Flag  # Diffrax reported an event: the guard broke
     times: Value  # times of the samples [s]
-    samples: Motion  # positions and velocities at these times
+    samples: Motion  # positions and velocities at the times of the samples
 
     def solve_to(self, t1) -> Motion:
         """Return the state at t1, from a new solution that ends there."""
@@ -197,8 +198,8 @@ class _Path(NamedTuple):
         return self.mode.natural(jax.tree.map(lambda y: y[0], solution.ys))
 
     def missed(self) -> tuple[Flag, Value]:
-        """Return whether the guard is outside its limits at a sample although no event was reported, and the
-        time of the first such sample [s] (else inf)."""
+        """Return whether the guard is outside its limits at a sample before the reported event or the end of
+        the segment, and the time of the first such sample [s]; inf if there is none."""
         mode, c, times = self.mode, self.mode.scene.c, self.times
         values = jax.vmap(mode.guard)(times, *self.samples)
         scale = jnp.where(mode.rocking, c.alpha, c.uplift)
@@ -308,8 +309,8 @@ def _arrival(path: _Path, state: LoopState) -> _Arrival:
 
 
 def _raised(path: _Path, output: Any, accumulator: Values) -> Values:
-    """Return the accumulator of an output (its value so far) after the segment. The elements of an array are
-    updated one by one."""
+    """Return the accumulator of an output (the value up to the present time) after the segment. The elements
+    of an array are updated one by one."""
     mode = path.mode
 
     def quantity(t, x, v):
@@ -370,8 +371,8 @@ def _advanced(path: _Path, plan: Plan, state: LoopState, end: _Arrival) -> LoopS
 def _segment(scene: Scene, plan: Plan, options: Options, state: LoopState, nodes: Nodes | None):
     """Advance by one segment, and append its steps to the nodes.
 
-    If the guard is outside its limits at a sample although no event was reported, the motion does not
-    advance, and `trial_limit` becomes the time up to which the segment is solved next.
+    If Diffrax has missed an event (`_Path.missed`), the motion does not advance, and `trial_limit` becomes
+    the time up to which the segment is solved next.
     """
     ground_at = scene.excitation.piece(state.piece)
     path = _path(_ContactMode(scene, state.sigma, ground_at, natural_units(scene.c)), options, state)

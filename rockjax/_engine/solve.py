@@ -1,9 +1,10 @@
 """Solution of one scene from a structure and an excitation, with derivatives with respect to their
 parameters.
 
-The Jacobian with respect to scalar parameters is computed together with the value, in forward mode. Forward
-and reverse mode both use this Jacobian, so `jax.grad` costs as much as `jax.jacfwd`. For arrays (the samples
-of a record) the loop itself is differentiated, in a form that bounds the memory of reverse mode.
+The derivatives with respect to scalar parameters are computed in forward mode, together with the value. Both
+`jax.jacfwd` and `jax.grad` use these derivatives, so they cost the same. For derivatives with respect to
+arrays (the samples of a record), JAX differentiates the loop itself, in a form that bounds the memory of
+reverse mode.
 """
 
 from __future__ import annotations
@@ -47,13 +48,14 @@ def solve(
 
     - `podium`, `excitation`: structure and ground motion, with scalar parameters
     - `initial`: initial state
-    - `t_end`: end of the scene [s]; None for the default
+    - `t_end`: end of the scene [s]; None for the default, `default_end`
     - `options`: options of the solver
-    - `capacity`: number of steps to store; None stores no steps
+    - `capacity`: number of nodes to store; None stores none
 
-    Returns ((floats, float fields of the nodes), (integers and flags, integer fields of the nodes)); the
-    nodes are the stored steps. Stored programs are used if all values are concrete (numbers, not JAX
-    tracers), including those at which `jax.grad` or `jax.jvp` differentiates.
+    Returns ((floats, float fields of the nodes), (integers and flags, integer fields of the nodes)). The
+    nodes are the stored steps (`flat.Nodes`); without a `capacity` their fields are None. Outside `jax.jit`,
+    where all values are known, a stored program is used; with `engine="flat"` also inside `jax.grad` and
+    `jax.jvp`.
     """
     podium = podium.split_rows().without_idle_restrainers()
     podium = podium if options.of_joints else podium.without_elevation()
@@ -75,8 +77,11 @@ def solve_with_slopes(
 
     - arguments: as for `solve`
 
-    Returns the floats; their derivatives with respect to the scalar leaves of (podium.split_rows(),
-    excitation), with these leaves along the first axis; and the indices of the leaves.
+    The derivatives are with respect to the scalar leaves of (podium.split_rows(), excitation.common_form());
+    unless joint forces are requested, the podium is without its elevation.
+
+    Returns the floats; their derivatives, with the scalar leaves along the first axis; and the indices of
+    these leaves.
     """
     podium = podium.split_rows()
     podium = podium if options.of_joints else podium.without_elevation()
@@ -96,8 +101,8 @@ def _answers(
     capacity: int | None,
     reversible: bool,
 ):
-    """Do the work of `solve`, with the same arguments and results. `reversible` selects the form of the loop
-    for derivatives with respect to arrays."""
+    """Do the work of `solve`, with the same arguments and results. With `reversible`, reverse mode can
+    differentiate the loop."""
     plan = plan_for(podium, options, capacity is not None, vertical=isinstance(excitation, GroundMotion))
     scene, state = prepare(podium, excitation, initial, t_end, options, plan)
     if options.engine == "segments":
@@ -117,10 +122,10 @@ SLOPES = StoredProgram(with_slopes(_answers))
 def answers(
     scene: Scene, plan: Plan, state: LoopState, final: LoopState | None = None
 ) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Return the outputs of a finished scene by name, in two dicts: floats, and integers and flags.
+    """Return the outputs of a finished scene by name, in two dicts: first floats, then integers and flags.
 
     - `scene`, `plan`, `state`: the prepared scene, its choices fixed at compilation, and its final state
-    - `final`: state from which integers and flags are read; None for `state`
+    - `final`: state from which integers and flags are read; None to read them from `state`
     """
     floats = {
         "overturn_time": state.overturn_time,
@@ -148,7 +153,8 @@ def answers(
 
 
 def _with_nodes(answer, nodes: Nodes | None):
-    """Return ((floats, nodes), (integers, integers of the nodes)), since only floats have tangents."""
+    """Return ((floats, float fields of the nodes), (integers, integer fields of the nodes)), because only
+    floats have tangents. Without nodes their fields are None."""
     floats, integers = answer
     if nodes is None:
         return (floats, None), (integers, None)

@@ -1,11 +1,11 @@
 """Data types of the integration loop: the plan, the scene, the loop state, and the result of a trial.
 
 A breakpoint is a time at which the ground motion has a jump or a kink, and a piece is the ground motion
-between two breakpoints. An accumulator is the value of an output so far.
+between two breakpoints. An accumulator holds the value of an output up to the present time.
 
 The time of an event or breakpoint depends on the parameters. The loop works with the value of this time, held
-constant under differentiation and called the stamp. The derivatives of the time with respect to the
-parameters are carried by a separate variable.
+constant under differentiation and called the stamp. A separate variable, `LoopState.event_time`, carries the
+derivatives of the time with respect to the parameters.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ class Plan:
     - `elastic`: True if the superstructure vibrates
     - `outputs`: the outputs that are computed, the rotation first; each is an `AbstractOutput` of
       `rockjax._outputs`
-    - `unrequested`: registered outputs that are not requested; their answers are NaN or a default
+    - `unrequested`: registered outputs that are not requested; their answers are NaN, a default, or missing
     - `tableau`: tableau of the Runge–Kutta method
-    - `to_the_end`: True for a history, in which the scene does not end as soon as all outputs are final
+    - `to_the_end`: True for a history, which goes on even when all outputs are final
     - `fast_forwards`: names of the fast-forwards that may be used (see `fast_forward/`)
     """
 
@@ -74,16 +74,17 @@ class Scene(NamedTuple):
     end: Value  # end of the scene [s]
     overturn_angle: Value  # overturn_ratio·α [rad]
     rest_speed: Value  # rest velocity [rad/s]
-    log_restitution: Value  # −ln e
+    log_restitution: Value  # −ln e, with the restitution factor e
     min_impact_speed: Value  # impact speed that restitution reduces to the rest velocity [rad/s]
     estimate_factor: Value | None  # factor on error estimates; None if they have the usual order
     skip_below: Value  # a sample may be skipped if the error divided by the tolerance is at most this
-    landing_fraction: Value  # a step ends on an event if their distance is at most this fraction of the step
+    # Largest time from the end of a step to an event on which the step ends, divided by the step's length.
+    landing_fraction: Value
     split_fraction: Value  # length of the first of two steps to a breakpoint, divided by the distance to it
     unsplit_limit: Value  # a proposed step above this multiple of the distance to a breakpoint is not split
     rtol: Value  # relative tolerance
     atol: Value  # absolute tolerance, in natural units
-    max_step: Value  # longest step [s]
+    max_step: Value  # longest step after the excitation [s]
     max_excited_step: Value  # longest step during the excitation [s]
     excitation_end: Value  # end of the excitation [s]
 
@@ -99,18 +100,20 @@ class LoopState(NamedTuple):
     sigma: Value  # contact mode: 0 full contact, ±1 rocking
     piece: Index  # piece of the excitation
     h: Value  # step length that the step-size control proposes [s]
-    # Limit of the next trial: in the flat engine its length, in the segments engine its end [s]; inf for
-    # none.
+    # Largest length of the next trial (flat engine) or its latest end (segments engine) [s]; inf if it is not
+    # limited.
     trial_limit: Value
     code: Index  # result code, or results.RUNNING
-    accumulators: tuple[Any, ...]  # value so far of each output of the plan, with tangents; first max|θ|
+    # The accumulator of each output of the plan, with tangents. The first is the largest |θ| so far [rad].
+    accumulators: tuple[Any, ...]
     notes: tuple[Any, ...]  # further data of each output, such as times; no tangents in batches
-    uplifted: Flag  # the columns have lifted
-    uplift_time: Value  # time of the first uplift [s], else NaN
-    overturn_time: Value  # time of overturning [s], else NaN
+    uplifted: Flag  # the columns have lifted, or started rocking
+    uplift_time: Value  # time of the first uplift, or of the start if the columns rock then [s]; else NaN
+    overturn_time: Value  # time of overturning [s]; NaN before
     impacts: Index  # number of impacts
-    min_impact_speed: Value  # least |θ̇⁻| of all impacts so far [rad/s]
-    min_impact_speed_before_peak: Value  # least |θ̇⁻| of the impacts before the largest rotation [rad/s]
+    min_impact_speed: Value  # least |θ̇⁻| of the impacts up to now [rad/s]; inf without impacts
+    # Least |θ̇⁻| of the impacts before the largest rotation [rad/s]; inf without such impacts.
+    min_impact_speed_before_peak: Value
     steps: Index  # number of accepted steps
     rejected: Index  # number of rejected steps
     may_skip: Flag | None = None  # the next sample may be skipped; None if this scene never skips samples
@@ -154,5 +157,5 @@ class StepInfo(NamedTuple):
     """Result of a trial."""
 
     accepted: Flag
-    impact_time: Value  # time of the impact on which the step ended [s], else NaN
+    impact_time: Value  # time of the impact on which the step ended [s]; NaN without an impact
     decision: Decision

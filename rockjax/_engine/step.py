@@ -1,11 +1,11 @@
 """One trial step of one scene. An accepted trial advances the scene; a rejected trial shortens the next.
 
-A trial takes a Runge–Kutta step. The guard is the quantity whose limits end the contact mode: σθ while
-rocking, and the uplift demand q of Eq. (9) in full contact. A quintic polynomial interpolates the guard
-between both ends of the step. An event occurs where the guard leaves its limits. If this happens inside the
-step, the trial is rejected, and the next trial is shortened to end there. The event is applied once a trial
-ends on it, or so close to it that a Taylor expansion covers the remaining time. Events are therefore as
-accurate as the solver.
+A trial takes a Runge–Kutta step. The guard is the quantity that ends the contact mode when it leaves its
+limits: σθ while rocking, and in full contact the uplift demand q of Eq. (9) of docs/model.md. A quintic
+polynomial interpolates the guard between both ends of the step. An event occurs where the guard leaves its
+limits. If this happens inside the step, the trial is rejected, and the next trial is shortened to end at the
+event. The event is applied once a trial ends on it, or so close to it that a Taylor expansion covers the
+remaining time. Events are therefore as accurate as the solver.
 
 Times, step lengths and roots are held constant under differentiation (`stop_gradient`). The constant value of
 a time is called its stamp; the derivatives of an event's time with respect to the parameters are carried
@@ -44,7 +44,7 @@ from .ratio import safe_ratio
 from .state import Decision, LoopState, Plan, Scene, StepInfo
 from .transitions import after_impact, jolt, past_breakpoint, restart, transition
 
-# A step in full contact ends on a turning point of q where |q| exceeds this fraction of q_up.
+# A step in full contact ends on a turning point of q if |q| there exceeds this fraction of its threshold.
 NEAR_UPLIFT = 0.95
 
 
@@ -57,8 +57,9 @@ def step(
     - `state`: state at the start of the step
     - `replayed`: recorded decision of an accepted step to repeat; None if the step is decided here
 
-    A rigid podium in full contact goes directly to its next uplift. Samples of the ground motion that need
-    no trial are skipped before the trial (`skip_samples`), unless decisions are replayed.
+    Unless the plan follows full contact step by step, a podium in full contact goes directly to its next
+    uplift, and samples of the ground motion that need no trial are skipped before the trial
+    (`skip_samples`). Replayed steps skip no samples.
 
     Returns the new state and the result of the trial.
     """
@@ -85,8 +86,8 @@ def trial(
 ) -> tuple[LoopState, StepInfo]:
     """Try one step, with arguments as for `step`.
 
-    Returns the state after the step and the result of the trial. If the step is rejected, the motion stays,
-    and the state contains the length of the next, shorter trial.
+    Returns the state after the step and the result of the trial. If the step is rejected, time and motion
+    stay the same, and the state contains the length of the next, shorter trial.
     """
     ground_at = scene.excitation.piece(state.piece)
     attempted = attempt(scene, plan, state, ground_at, replayed)
@@ -107,8 +108,8 @@ def _classify(
     guard: Guard,
     replayed: Decision | None,
 ) -> tuple[Step, StepOutcome]:
-    """Return the step as outputs see it, and the outcome that follows from the error, the guard and the
-    maxima of the outputs."""
+    """Return the step in the form that outputs use, and the outcome that follows from the error, the guard
+    and the maxima of the outputs."""
     constant = jax.lax.stop_gradient
     c, h, time_resolution, rocking = scene.c, trial.h, trial.time_resolution, state.sigma != 0
     max_distance = jnp.maximum(scene.landing_fraction * h, time_resolution)
@@ -123,8 +124,8 @@ def _classify(
         & ~guard.breaks_before_turn
         & is_before_stop
     )
-    # Events at the end of the scene or just before it are ignored, except overturning, so that the outputs at
-    # the end are differentiated at the scene's end, not at the event.
+    # Events at the end of the scene or just before it are ignored, except overturning. The final outputs are
+    # thus differentiated at the end of the scene, not at the event.
     is_ignored = (
         trial.ends_scene
         & guard.converges
@@ -146,17 +147,18 @@ def _classify(
         jnp.where(trial.reaches_stop, trial.stop - constant(trial.stop), 0.0),
     )
     breaks = (guard.breaks_before_turn | guard.breaks_after_turn) & ~lands & ~is_ignored
+    # If the columns return to θ = 0 even in a very short first step after an uplift, the uplift is false.
     false_uplift = trial.starts_at_zero & (constant(state.v[0]) == 0) & breaks & (h < 1e-9 / constant(c.p))
     event_fraction = jnp.where(breaks & ~false_uplift, jnp.maximum(guard.break_point, 0.02), jnp.inf)
 
-    # If an output needs a maximum more accurately than the polynomial gives it, the step is shortened to end
-    # on the maximum.
+    # If an output needs a more accurate maximum than the polynomial gives, the step is shortened to end on
+    # the maximum.
     view = Step(scene, plan.ends_on_maxima, state, ground_at, trial, guard, before, after)
     maxima = tuple(
         output.over_step(view, accumulator)
         for output, accumulator in zip(plan.outputs, state.accumulators, strict=True)
     )
-    # If q turns just within the threshold, the step is shortened to end at the turning point.
+    # If |q| turns just below the threshold, the step is shortened to end at the turning point.
     turns_in_contact = ~rocking & guard.turned & ~guard.breaks_before_turn
     is_near_uplift = jnp.abs(guard.turn_value) > NEAR_UPLIFT * c.uplift
     maximum_fraction = view.cut_at_turn(turns_in_contact & is_near_uplift)
@@ -188,7 +190,8 @@ def _advance(
     outcome: StepOutcome,
     replayed: Decision | None,
 ) -> tuple[LoopState, StepInfo]:
-    """Return the state after an accepted step, including the transition at its end, and the `StepInfo`."""
+    """Return the state after an accepted step and the transition at the end of the step, and the
+    `StepInfo`."""
     constant = jax.lax.stop_gradient
     trial, guard = view.trial, view.guard
     h, sigma, rocking = trial.h, state.sigma, state.sigma != 0
@@ -214,7 +217,7 @@ def _advance(
     x, v, mode = barrier((x, v, mode))
     uplifts = accepted & ~rocking & (mode != 0)
 
-    # If bounces are skipped, θ̇ in `v` is zero, but outputs need θ̇ just after the impact.
+    # If bounces are skipped, θ̇ in `v` is already zero, but outputs need θ̇ just after this impact.
     theta_dot_after, _ = after_impact(scene, sigma, at_impact[1][0], guard.end_value)
     impact = Impact(scene.c, sigma, now, ground, *at_impact, (theta_dot_after, *v[1:]), mode)
     end = StepEnd(view, accepted, lands, hit, toppled, outcome.after, now, stamp, x, v, impact, ground_jump)
@@ -266,8 +269,8 @@ def _advance(
 def _times(
     scene: Scene, state: LoopState, trial: Attempt, outcome: StepOutcome
 ) -> tuple[Index, Value, Value, Value]:
-    """Return the piece after the step, the stamp of the step's end, the same time not held constant under
-    differentiation, and the difference of the two times, which is zero in value."""
+    """Return the piece after the step, the stamp of the step's end, this time not held constant under
+    differentiation, and the derivatives of this time as a number of value zero."""
     constant, t, h, lands = jax.lax.stop_gradient, state.t, trial.h, outcome.lands
     now = jnp.where(lands, t + h + outcome.after, jnp.where(trial.reaches_stop, trial.stop, t + h))
     stamp = jnp.where(lands, jnp.minimum(constant(now), constant(trial.stop)), constant(now))
@@ -287,7 +290,8 @@ def _ground_jump(scene: Scene, state: LoopState, is_passed: Flag, mode: Value, x
 
 
 def _repeat(plan: Plan, state: LoopState, trial: Attempt, outcome: StepOutcome) -> LoopState:
-    """Return the state after a rejected step. Time and motion stay, and the next trial is shorter."""
+    """Return the state after a rejected step: time and motion stay the same, and the next trial is
+    shorter."""
     shrunk = trial.h * jnp.where(trial.finite, trial.growth, SHRINK)
     return state._replace(
         h=jnp.where(trial.accurate, state.h, shrunk),

@@ -1,8 +1,8 @@
 """Butcher tableaus (coefficients) of explicit Runge–Kutta methods.
 
-The tableaus of the named methods are stored in `tableaus.json`, because importing Diffrax is slow. They
-are copies of Diffrax's tableaus, as a test verifies; `write` renews them. The tableau of any other explicit
-Diffrax solver is taken from the solver itself.
+The tableaus of the explicit methods in `methods.py` are stored in `tableaus.json`, because importing Diffrax
+is slow. They are copies of Diffrax's tableaus, as a test verifies; `write` writes them again. The tableau of
+any other explicit Diffrax solver is taken from the solver itself.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import diffrax
 
 STORED = Path(__file__).with_suffix(".json")
-ORDER_8 = "dopri8"  # the named method of order 8
+ORDER_8 = "dopri8"  # name of the method of order 8
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class Tableau:
 
     order: int  # order of the method
     estimate: int  # order of the error estimate
-    c: np.ndarray  # times of the stages, as fractions of the step
+    c: np.ndarray  # times of the stages since the start of the step, divided by the length of the step
     A: np.ndarray  # weights of the accelerations in the stage velocities
     AA: np.ndarray  # weights of the accelerations in the stage positions
     b: np.ndarray  # weights of the accelerations in the final velocities
@@ -45,7 +45,7 @@ class Tableau:
 
 @functools.cache
 def tableau(method: str | diffrax.AbstractERK) -> Tableau:
-    """Return the tableau of an explicit method of [`rockjax.Options`][]."""
+    """Return the tableau of an explicit method: a name or a Diffrax solver, as in [`rockjax.Options`][]."""
     stored = _stored().get(method) if isinstance(method, str) else None
     entries = coefficients_of(solver_of(method)) if stored is None else stored
     stages = len(entries["a"]) + 1
@@ -71,8 +71,8 @@ def tableau_for(method: str | diffrax.AbstractERK, depends_on_velocities: bool) 
 def nystrom() -> Tableau:
     """Return RKN8(6)9FM of Dormand, El-Mikkawy and Prince (IMA J. Numer. Anal. 7, 1987, 423–430).
 
-    It has order 8 and computes eight accelerations in each step. It is valid only if accelerations do not
-    depend on velocities. The weights for positions are independent of those for velocities, and A is zero.
+    The method has order 8 and computes eight accelerations in each step. It is valid only if accelerations do
+    not depend on velocities. The weights `AA` of positions are independent weights, and `A` is zero.
     """
     rows = [
         (1 / 800,),

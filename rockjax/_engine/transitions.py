@@ -1,8 +1,8 @@
 """Changes of contact mode and state at events, and the effect of event times on derivatives.
 
 The time of an event or breakpoint depends on the parameters. The value of this time, held constant under
-differentiation, is called the stamp. The demand q is the left side of the uplift condition, Eq. (9).
-Equations (L…) are in docs/floors.md.
+differentiation, is called the stamp. Columns in full contact lift when the uplift demand |q| exceeds its
+threshold, Eq. (9). Equations without a letter are those of docs/model.md; (L…) are in docs/floors.md.
 """
 
 from __future__ import annotations
@@ -49,12 +49,12 @@ def transition(
     - `ground`: ground acceleration after the transition, ü_g, or ü_g and v̈_g [m/s²]
     - `hit`: True for an impact
     - `lifted`: True for an uplift
-    - `demand`: demand before the uplift [m/s²]; its sign gives the side
+    - `demand`: demand q before the uplift [m/s²]; the columns lift to the side −sign q
     - `false_uplift`: True if the step does not confirm an uplift; the columns are then in full contact
-    - `to_rest`: True for an impact that leads to rest
+    - `to_rest`: True if an impact brings the columns to rest at any speed
 
-    Without an event the contact mode stays, except that columns in full contact lift if a jump of the ground
-    acceleration has brought the demand above the threshold.
+    Without an event the contact mode stays the same, except that columns in full contact lift if a jump of
+    the ground acceleration has brought the demand above the threshold.
     """
     c, rocking = scene.c, sigma != 0
     in_contact = false_uplift | ~rocking
@@ -70,7 +70,7 @@ def transition(
 
 def contact_mode(c: Coefficients, q: Value) -> Value:
     """Return the contact mode that follows full contact under the demand q [m/s²]: the columns lift if |q|
-    exceeds the threshold of Eq. (9), and stay in contact if |q| equals it."""
+    exceeds the threshold of Eq. (9), and stay in contact otherwise, also if |q| equals the threshold."""
     return jnp.where(jnp.abs(q) > c.uplift, -jnp.sign(q), 0.0)
 
 
@@ -96,7 +96,9 @@ class Jolt(NamedTuple):
     """A jump of the ground's velocity, and the state after it."""
 
     jump: Value | Shaking  # velocity jump of the ground [m/s]; zero without a jump
-    side: Value  # contact mode in which the velocities change: the present one, or the one after the uplift
+    # Contact mode in which the velocities change: the mode before the jump or, for columns at rest, the side
+    # to which the jump can lift them.
+    side: Value
     change: Vector  # changes of the velocities due to the jump, before the impact that may follow
     lifts: Flag  # whether columns at rest lift
     strikes: Flag  # whether rocking columns at θ = 0 are driven into the ground, which is another impact
@@ -114,9 +116,10 @@ def jolt(
     - `ground`: ground acceleration after the jump, ü_g, or ü_g and v̈_g [m/s²]
     - `jump`: velocity jump of the ground, horizontal, or horizontal and vertical [m/s]
 
-    The equation of motion is linear in the accelerations of the structure and of the ground. The same
-    coefficients therefore relate their velocity jumps. Columns at rest lift to the side opposite to the
-    horizontal velocity jump if their speed after the jump exceeds the rest velocity.
+    The equation of motion is linear in the accelerations of the structure and of the ground. Therefore the
+    same coefficients relate the velocity jumps of the structure to those of the ground. Columns at rest lift
+    to the side opposite to the horizontal velocity jump if their speed after the jump exceeds the rest
+    velocity.
     """
     c, at_rest = scene.c, (x[0] == 0) & (v[0] == 0)
     side = jnp.where(at_rest, -jnp.sign(horizontal(jump)), sigma)
@@ -143,9 +146,9 @@ def past_breakpoint(
     - `x`, `v`, `sigma`: positions, velocities and contact mode
     - `pieces`: pieces before and after the breakpoint
 
-    A breakpoint of the horizontal and one of the vertical motion may coincide although the derivatives of
-    their times with respect to the parameters differ. The derivative of the state then also contains the
-    motion between the two breakpoints.
+    A breakpoint of the horizontal and a breakpoint of the vertical motion may coincide although the
+    derivatives of their times with respect to the parameters differ. The derivative of the state then also
+    contains the motion between the two breakpoints.
     """
     before, after = pieces
     if isinstance(scene.excitation, GroundMotion):
@@ -170,8 +173,9 @@ def restart(
 
     The time of the event depends on the parameters; the stamp does not. The state is moved from the stamp to
     the event with the equation of motion before the event, changed by the transition, and moved back with the
-    equation of motion after the event. The derivative of the final state of this sequence with respect to the
-    first is the saltation matrix. This function is the move back: it changes derivatives, but not values.
+    equation of motion after the event. The saltation matrix is the derivative of the last state of this
+    sequence with respect to the first. This function is the move back: it changes derivatives, but not
+    values.
     """
     del scene, t, delta, sigma, piece
     return x, v

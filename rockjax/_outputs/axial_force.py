@@ -1,4 +1,4 @@
-"""The least and the largest axial force in the joints over a scene. (F8) is in docs/forces.md."""
+"""The least and the largest axial force N in the joints over a scene. (F8) is in docs/forces.md."""
 
 from __future__ import annotations
 
@@ -24,10 +24,11 @@ Pairs = tuple[tuple[Value, Value], ...]
 @dataclasses.dataclass(frozen=True)
 class AxialForce(AbstractJointOutput):
     """The least and the largest axial force N/(m_c g) at the bottom and the top joint, over time and over all
-    columns, (F8). If the least force is negative, a joint would open, and the model no longer holds.
+    columns, (F8) [–]; compression is positive. If the least force is negative, a joint would open, and the
+    model no longer holds.
 
-    The accumulator (the value so far) contains the largest −N/(m_c g) and the largest N/(m_c g) of each
-    joint.
+    The accumulator (the value up to the present time) contains the largest −N/(m_c g) and the largest
+    N/(m_c g) of each joint.
     """
 
     name = "axial_force"
@@ -81,8 +82,8 @@ class AxialForce(AbstractJointOutput):
 @dataclasses.dataclass(frozen=True)
 class Unloading(AxialForce):
     """The largest loss of axial force 1 − N/N_0 at the bottom and the top joint, over time and over all
-    columns [–], for design targets and limit states. N_0 is the dead load, averaged over the columns. If the
-    loss exceeds 1, a joint would open. The answer is 0 at a joint without dead load.
+    columns [–], for design targets and limit states. N_0 is the axial force of the mean column at rest. If
+    the loss exceeds 1, a joint would open. The answer is 0 at a joint without dead load.
     """
 
     name = "unloading"

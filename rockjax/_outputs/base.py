@@ -1,5 +1,5 @@
-"""The base class of outputs: names, units, and the methods that update an accumulator (the value so far)
-during a scene."""
+"""The base classes of outputs: names, units, and the methods that update an accumulator (the value up to the
+present time) during a scene."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ class Variable(NamedTuple):
     """One answer of an output, for datasets, pictures and tables.
 
     - `name`, `unit`, `description`, `symbol`: texts for datasets and for the axes of pictures
-    - `axis`: None for a scalar, or `MODES`, `STORIES`, `JOINTS`
-    - `sensitive`: whether batches can compute its sensitivities
-    - `estimated`: whether the output `"errors"` estimates its error
-    - `until_overturning`: whether the answer of a scene that overturns covers only the time before that
+    - `axis`: None for a scalar, or the name of the answer's axis: `"vibration_mode"`, `"story"` or `"joint"`
+    - `sensitive`: whether batches can compute the sensitivities of the answer
+    - `estimated`: whether the output `"errors"` estimates the error of the answer
+    - `until_overturning`: whether the answer of a scene that overturns covers only the time until then
     """
 
     name: str
@@ -43,10 +43,11 @@ class Variable(NamedTuple):
 
 
 def worst_component(name: str, values: np.ndarray) -> np.ndarray:
-    """Return the worst value over the modes, stories or joints of an answer: the least of `least_…` answers,
-    else the largest.
+    """Return the worst value over the modes, stories or joints of an answer, (n,): the least value if the
+    name of the answer starts with "least", else the largest.
 
-    - `name`: name of the answer; `values`: shape (n,) or (n, components)
+    - `name`: name of the answer
+    - `values`: answers of n scenes, (n,), or (n, m) with m modes, stories or joints
     """
     if values.ndim == 1:
         return values
@@ -66,17 +67,17 @@ class AbstractOutput:
 
     and pass it in `Options(outputs=("peak_rotation", PeakBeamSpeed()))`. The answer is the largest absolute
     value of the quantity in the scene, and can be differentiated. Override `over_step`, `at_impact`, `update`
-    or `answer` for other forms of answers. Override further methods to save time: rests (full contact of a
-    rigid podium), samples of the ground motion and bounces are skipped only if every requested output
-    overrides `over_rest`, `over_sample` or `over_bounces` respectively, and a scene continues to overturning
-    or `t_end` unless `is_final` returns True for every output.
+    or `answer` for other forms of answers. Override further methods to save time: a scene ends early only if
+    `is_final` returns True for every output, and parts of a scene are skipped only if every output overrides
+    a method: `over_rest` for rests (full contact of a rigid podium), `over_sample` for samples of the ground
+    motion, `over_bounces` for bounces.
 
     - `name`: name in `Options.outputs` and of the answer
     - `unit`, `description`, `symbol`, `axis`, `sensitive`, `estimated`, `until_overturning`: properties of
       the answer, as in [`rockjax.Variable`][]; an output with several answers lists them in `variables`
     - `by_default`: whether the output is requested by default
     - `needs_flat`: whether the output requires `Options(engine="flat")`, the default
-    - `follows_impacts`: whether the output needs every impact until rest, however slow
+    - `follows_impacts`: whether the output needs every impact, however slow
     - `of_joints`: whether the output needs the constants of the joints, `moment.c.joints`
     - `needs_simple_contact`: whether no part of a scene may be skipped if there are restrainers or vertical
       ground motion
@@ -108,7 +109,7 @@ class AbstractOutput:
         return True
 
     def of(self, podium: Podium) -> AbstractOutput:
-        """Return this output for a podium, with the attributes that depend on the structure."""
+        """Return this output for a podium, with those attributes set that depend on the structure."""
         del podium
         return self
 
@@ -119,13 +120,13 @@ class AbstractOutput:
 
     # ------------------------------------------------------------------------------------- following a scene
     def quantity(self, moment: Moment) -> Values:
-        """Return the quantity at a moment, a scalar or an array of shape (k,)."""
-        raise NotImplementedError(f"the output {self.name!r} has no `quantity`")
+        """Return the quantity at a moment: a scalar, or an array of shape (k,)."""
+        raise NotImplementedError(f"{type(self).__name__}: define the method `quantity`")
 
     def start(self, start: Start) -> tuple[Any, Any]:
-        """Return the accumulator (the value so far) and the note (further data, such as the time of a peak)
-        at the start of a scene; either may be None. Batches compute derivatives of accumulators, not of
-        notes."""
+        """Return the accumulator (the value up to the present time) and the note (further data, such as the
+        time of a peak) at the start of a scene; either may be None. Batches compute derivatives of
+        accumulators, not of notes."""
         shape = jax.eval_shape(lambda: self.quantity(start.moment()))
         return jnp.zeros(shape.shape, shape.dtype), None
 
@@ -135,13 +136,14 @@ class AbstractOutput:
         return step.largest(step.course(self.quantity), accumulator)
 
     def at_impact(self, impact: Impact) -> Any:
-        """Return the value of a quantity that exists only at impacts; None for other quantities."""
+        """Return the value at an impact of a quantity that exists only at impacts; None for other
+        quantities."""
         del impact
         return None
 
     def update(self, end: StepEnd, accumulator: Any, note: Any, largest: Any) -> tuple[Any, Any]:
-        """Return the accumulator and the note after an accepted step. `largest` is `over_step(…).value` or
-        None."""
+        """Return the accumulator and the note after an accepted step. `largest` is the value of the `Maximum`
+        that `over_step` returned, or None if `over_step` returned None."""
         if largest is not None:
             accumulator = jax.tree.map(larger, largest, accumulator)
         value = self.at_impact(end.impact)
@@ -183,7 +185,8 @@ class AbstractOutput:
         return False
 
     def passes(self, method: str) -> bool:
-        """Return whether this class overrides `method`: "over_rest", "over_sample" or "over_bounces"."""
+        """Return whether this class overrides `method`, which is "over_rest", "over_sample" or
+        "over_bounces"."""
         return getattr(type(self), method) is not getattr(AbstractOutput, method)
 
 

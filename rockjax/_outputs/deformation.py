@@ -45,7 +45,7 @@ class PeakDeformation(AbstractOutput):
         return jnp.zeros(() if modes is None else modes.omega2.shape, start.t.dtype), None
 
     def over_step(self, step: Step, accumulator: Values) -> Maximum:
-        # Steps end on maxima if the method is more accurate than the polynomial of a step.
+        # Steps end on maxima only if the method has a higher order than the polynomial of a step.
         return step.largest(
             step.deformations, accumulator, END_ZONE_DEFORMATIONS, shortens_step=step.ends_on_maxima
         )

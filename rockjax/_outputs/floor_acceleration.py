@@ -23,9 +23,9 @@ from .views import Bounces, Ended, Moment, Rest, Sample, Start, Step, deck_accel
 @dataclasses.dataclass(frozen=True)
 class PeakFloorAcceleration(AbstractStoryOutput):
     """The peak absolute horizontal acceleration of each floor of a building [m/s²]. All floors of a rigid
-    building have the acceleration of the beam, which is g times the output `PeakShear`.
+    building have the acceleration of the beam, whose peak is g times the output `PeakShear`.
 
-    If modes are omitted, an impact also changes the velocity of floor j, by the fraction 1 − ΣΓ_iφ_ji of the
+    If modes are omitted, the velocity of floor j jumps at an impact by the fraction 1 − ΣΓ_iφ_ji of the
     velocity jump of the deck, (L2), (L3). This output ignores these velocity jumps.
     """
 

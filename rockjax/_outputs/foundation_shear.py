@@ -1,4 +1,4 @@
-"""The largest horizontal force on the foundation over a scene. (F5) is in docs/equations.md."""
+"""The largest horizontal force V on the foundation over a scene. (F5) is in docs/equations.md."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .views import Ended, Rest, Sample, Start, Step
 
 @dataclasses.dataclass(frozen=True)
 class PeakFoundationShear(AbstractForceOutput):
-    """The peak shear on the foundation divided by the total weight, max|V|/W_0, (F5)."""
+    """The peak shear on the foundation divided by the total weight W_0, max|V|/W_0, (F5) [–]."""
 
     name = "peak_foundation_shear"
     unit = "1"

@@ -1,7 +1,7 @@
 """Friction demand and lift-off of the joints at impacts.
 
-J_T and J_N are the horizontal and the axial impulse in a joint. (F12) is in docs/forces.md, (F14) in
-docs/equations.md.
+J_T and J_N are the horizontal and the vertical (axial) impulse in a joint. (F12) is in docs/forces.md, (F14)
+in docs/equations.md.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ ROUNDING = 1e-12  # relative differences below this are rounding
 
 
 def _impulse_gradient(c: Coefficients, sway: Value | float) -> Value:
-    """Return the difference between the axial impulses of two columns at an impact from σ = 1, divided by the
-    distance between the columns and by |θ̇⁻|, (F14).
+    """Return the difference between the axial impulses of two columns at an impact from σ = 1, divided by
+    m_c, by the distance between the columns and by |θ̇⁻|, (F14) [–].
 
     - `sway`: Σ η_id_i over the modes with the deformations d_i [m]
     """
@@ -43,13 +43,13 @@ def _impulse_gradient(c: Coefficients, sway: Value | float) -> Value:
 
 @dataclasses.dataclass(frozen=True)
 class ImpactFriction(AbstractJointOutput, AbstractEventOutput):
-    """The largest friction demand max|J_T|/J_N at impacts, and the least J_N divided by the mean J_N of all
-    columns, at the bottom and the top joint, over all impacts and all columns, (F12), (F14).
+    """The largest friction demand max(|J_T|/J_N) at impacts, and the least J_N of a column divided by the
+    mean J_N of all columns, at the bottom and the top joint, over all impacts and all columns, (F12), (F14).
 
-    The axial impulse of a column at x_i differs from the mean by x_i times `_impulse_gradient`; at impacts
-    from σ = −1 the difference has the opposite sign. All answers are monotone in this difference. The
-    accumulator (the value so far) contains the largest values of the gradient and of its negative; −inf
-    before the first impact.
+    Divided by |θ̇⁻|, the axial impulse of a column at x_i differs from the mean by x_i times
+    `_impulse_gradient`; at impacts from σ = −1 the difference has the opposite sign. All answers are monotone
+    in this difference. The accumulator (the value up to the present time) contains the largest gradient and
+    the largest negative of the gradient; both are −inf before the first impact.
     """
 
     name = "impact_friction"
@@ -120,7 +120,7 @@ class ImpactFriction(AbstractJointOutput, AbstractEventOutput):
 
 
 def _is_unchanged(c: Coefficients, sway: Value | float, accumulator: Extremes) -> Flag:
-    """Return whether no impact with |Σ η_id_i| up to `sway` changes the answers."""
+    """Return whether no impact with |Σ η_id_i| up to `sway` [m] can change the answers."""
     largest, negative = jax.lax.stop_gradient(accumulator)
     ends = end_offsets(c)
     if ends is None:  # all impacts have the same ratios

@@ -18,8 +18,9 @@ from .views import Ended, Start, StepEnd
 
 @dataclasses.dataclass(frozen=True)
 class Impacts(AbstractInternalOutput):
-    """The output "impacts": a scene continues, and counts impacts, until the columns rest for good. Without
-    this output, a scene ends as soon as all other outputs are final."""
+    """The output "impacts": a scene continues, and counts impacts, until the columns rest for good or
+    overturn, or until the end time. Without this output, a scene ends as soon as all other outputs are
+    final."""
 
     name = "impacts"
     follows_impacts = True
@@ -33,14 +34,14 @@ class Energetic(NamedTuple):
     """Weighted sum over impacts. With y = |θ̇⁻|/(pα), an impact contributes y⁸ for y ≤ 1 and 1 + 8(y − 1) for
     y > 1. Slow impacts, after which the columns cannot overturn, thus contribute very little."""
 
-    total: Value  # sum over all impacts so far
-    last: Value  # contribution of the last impact
+    total: Value  # sum over all impacts up to the present time
+    last: Value  # contribution of the last impact; 0 before the first
 
 
 @dataclasses.dataclass(frozen=True)
 class EnergeticImpacts(AbstractInternalOutput):
-    """The output "errors": a weighted sum over impacts. Two solutions of a chaotic scene have different sums;
-    the estimate of errors recognises such scenes by this difference."""
+    """The output "errors": a weighted sum over impacts. Two solutions of a chaotic scene have different sums.
+    By this difference the estimate of errors recognises chaotic scenes."""
 
     name = "errors"
     needs_flat = True
@@ -65,7 +66,7 @@ class EnergeticImpacts(AbstractInternalOutput):
         return True
 
     def answer(self, ended: Ended, accumulator: None, note: Energetic) -> dict[str, Any]:
-        # `fall` is θ̇² at the overturning angle, which is proportional to the excess energy there.
+        # `fall` is θ̇² at the overturning angle. It is proportional to the excess energy there.
         overturned = ended.code == results.OVERTURNED
         return {
             "energetic": note.total,

@@ -17,15 +17,16 @@ from .views import Ended, Start, StepEnd
 
 
 class _Counts(NamedTuple):
-    """Numbers of impacts so far: all of them, and those before the largest rotation."""
+    """Numbers of impacts up to the present time."""
 
     all: Value
-    before_peak: Value
+    before_peak: Value  # impacts before the largest rotation
 
 
 @dataclasses.dataclass(frozen=True)
 class ImpactsBeforePeak(AbstractEventOutput):
-    """The number of impacts before the peak rotation, on which this peak depends."""
+    """The number of impacts before the peak rotation. Derivatives of the peak rotation are valid for this
+    number of impacts."""
 
     name = "impacts_before_peak"
     description = "number of impacts before the peak rotation"

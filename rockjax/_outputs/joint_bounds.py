@@ -2,7 +2,8 @@
 
 T and N are the horizontal and the vertical force in a joint. Forces are per column and divided by m_c [m/s²],
 as in `joint_forces`. While the columns rock, the bounds are written for σ = 1; rocking with σ = −1 is the
-mirror image. Equations (F…) are in docs/forces.md and docs/equations.md.
+mirror image. Equations without a letter are those of docs/model.md; (F…) are in docs/forces.md and
+docs/equations.md.
 """
 
 from __future__ import annotations
@@ -26,13 +27,13 @@ Span = tuple[Value, Value]  # lower and upper bound
 
 
 def _product(a: Span, b: Span) -> Span:
-    """Bound the product of two values."""
+    """Bound the product of two values with given bounds."""
     products = [x * y for x, y in itertools.product(a, b)]
     return functools.reduce(jnp.minimum, products), functools.reduce(jnp.maximum, products)
 
 
 def _sum(*terms: tuple[Value | float, tuple[Value | float, Value | float]]) -> Span:
-    """Bound Σ factor·value."""
+    """Bound Σ factor·value. Each of the `terms` is a factor and the bounds on its value."""
     low = [jnp.minimum(factor * a, factor * b) for factor, (a, b) in terms]
     high = [jnp.maximum(factor * a, factor * b) for factor, (a, b) in terms]
     return functools.reduce(jnp.add, low), functools.reduce(jnp.add, high)
@@ -42,19 +43,19 @@ class Devices(NamedTuple):
     """Bounds on the sum of some restrainers' forces [m/s²]."""
 
     least: Value
-    least_vertical: Value  # lower bound of the vertical component, force times cos(θ/2)
+    least_vertical: Value  # lower bound of the vertical component, which is the force times cos(θ/2)
     largest: Value
 
 
 class Rotation(NamedTuple):
-    """Bounds on the rotation and on the factors of Eq. (24). At rest, `flexibility` and `speed_squared` are
-    zero.
+    """Bounds on the rotation and on the factors of Eq. (24). If the columns rest for good, `angle`,
+    `speed_squared` and `flexibility` are zero.
 
     - `angle`: bound on |θ| [rad]
     - `sin`, `cos`: bounds on sin ψ and cos ψ
     - `speed_squared`: bound on θ̇² [1/s²]
-    - `flexibility`: bounds on the reciprocal of the inertia
-    - `resisting`: bound on the moment of the restrainers, in the units of Eq. (24)
+    - `flexibility`: bounds on the reciprocal of the factor of θ̈ in Eq. (24) [–]
+    - `resisting`: bound on the moment of the restrainers on the right side of Eq. (24) [1/s²]
     """
 
     angle: Value
@@ -69,8 +70,8 @@ class JointBounds:
     """Bounds on joint forces, from bounds on the motion.
 
     A force is a sum of terms with θ̈, θ̇², the ground acceleration, the spring forces F_i and the deformations
-    d_i of the modes. θ̈ follows from Eq. (24), so it depends on the same springs that load the joints. The
-    energy of rotation and vibration together has one bound.
+    d_i of the modes. θ̈ follows from Eq. (24), so it depends on the same springs that load the joints. One
+    bound limits the energy of rotation and vibration together.
 
     - `c`: constants of the podium
     - `ground`, `vertical`: bounds on |ü_g| and |v̈_g| [m/s²]
@@ -104,8 +105,8 @@ class JointBounds:
 
     @classmethod
     def from_bounds(cls, bounds: Bounds) -> Self:
-        """Return the bounds on forces that follow from bounds on the motion. They are computed once, for all
-        outputs."""
+        """Return the bounds on forces that follow from bounds on the motion. All outputs share the result,
+        which is computed once."""
         return bounds.shared(cls._compute)
 
     @classmethod
@@ -164,11 +165,11 @@ class JointBounds:
         modal: Values | float = 0.0,
         sway: Value | float = 0.0,
     ) -> Span:
-        """Bound a·(g + v̈_g) + q θ̈ − z θ̇² + b ü_g + Σ w_iF_i + k Σ η_id_i over the modes i while the columns
-        rock.
+        """Bound a·(g + v̈_g) + n θ̈ − z θ̇² + b ü_g + Σ w_iF_i + k Σ η_id_i while the columns rock. The sums are
+        over the modes i.
 
         - `rotation`: bounds on the rotation
-        - `axial`, `push`: a and b; `turning`, `centripetal`: bounds on q and z
+        - `axial`, `push`: a and b; `turning`, `centripetal`: bounds on n and z
         - `modal`, `sway`: w_i and k
 
         By Eq. (24) θ̈ itself is a sum of such terms.
@@ -209,12 +210,13 @@ class JointBounds:
     def _vibration(
         self, rotation: Rotation, modal: Values | float, turned: Span, sway: Value | float, rates: Span
     ) -> Pair:
-        """Bound |Σ (w_i + u η_i) F_i| + k|Σ η_id_i| + r θ̇² for two values of r; r < 0 counts as 0.
+        """Bound |Σ (w_i + u η_i) F_i| + |k Σ η_id_i| + r θ̇² for two values of r; r < 0 counts as 0.
 
+        - `rotation`: bounds on the rotation
         - `modal`, `sway`: w_i and k; `turned`: bounds on u; `rates`: both values of r
 
-        The norm of the modes, m² = Σ η_i(u̇_i² + ω_i²d_i²), and y² = spin·θ̇² share the energy, m² + y² ≤ 2E =
-        ρ². With y = sρ, the bound P m + Q y + (r/spin) y² is at most Pρ + Qρ s + (rρ²/spin − ½Pρ) s².
+        The energy limits the sum of m² = Σ η_i(u̇_i² + ω_i²d_i²) and y² = `spin`·θ̇²: m² + y² ≤ 2E = ρ². With
+        y = sρ, the bound P m + Q y + (r/`spin`) y² is at most Pρ + Qρ s + (rρ²/`spin` − ½Pρ) s².
         """
         c, bounds = self.c, not_none(self.bounds)
         modes: Vibration = not_none(c.vibration)
@@ -328,7 +330,7 @@ class JointBounds:
         return self._friction_at(0), self._friction_at(1)
 
     def _friction_at(self, joint: int) -> Value:
-        """Return the bound of |T|/N at the bottom (0) or the top joint (1).
+        """Bound |T|/N of all columns at the bottom (0) or the top joint (1).
 
         With g_v = g + v̈_g, (F9) without restrainers is |T|/N = |tan ψ − ½X/N| with
         X = σü_g + g_v tan ψ + (1 − λ)Rσθ̈/cos ψ at the bottom joint, and |T|/N = |tan ψ + ½X/N| with 1 + λ
@@ -374,8 +376,8 @@ class JointBounds:
         return self._extremes(rotation, 0.0, turning, (zero, zero), 1.0)
 
     def _friction_in_contact(self, joint: int, is_heavy: Flag, least: Value) -> Value:
-        """Return the bound of |T|/N in full contact without restrainers, (F11), for N ≥ `least`. If nothing
-        vibrates, |T|/N = |ü_g|/(g + v̈_g)."""
+        """Bound |T|/N in full contact without restrainers, (F11), if N ≥ `least`. If nothing vibrates,
+        |T|/N = |ü_g|/(g + v̈_g)."""
         c = self.c
         lean = self._contact_eccentricity * c.sin_alpha / c.cos_alpha
         if c.vibration is None:
@@ -394,8 +396,8 @@ class JointBounds:
 
     @functools.cached_property
     def _contact_eccentricity(self) -> Value:
-        """Bound on |ξ| in full contact, (F10). At ψ = α and θ̇ = 0, Eq. (24) gives θ̈ = (1 − ξ) times the θ̈
-        that the weights alone cause."""
+        """Bound on |ξ| in full contact, (F10). At ψ = α and θ̇ = 0, Eq. (24) gives 1 − ξ times the θ̈ that the
+        weights alone cause."""
         c = self.c
         if c.restraint is not None:
             return self.eccentricity

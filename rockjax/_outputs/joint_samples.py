@@ -1,5 +1,8 @@
-"""Bounds on forces (T, N) in the joints over a sampling interval of a record, for podiums without
-restrainers. T is horizontal, N vertical."""
+"""Bounds on forces in the joints over a sampling interval of a record, for rigid podiums without restrainers.
+
+T is the horizontal and N the vertical force in a joint. Forces are per column and divided by m_c [m/s²], as
+in `joint_forces`.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +54,7 @@ class SampleForces(NamedTuple):
                 [n - n_mean for n in forces.axial[1]]
                 for forces, n_mean in zip((start, end), mean, strict=True)
             ]
-            # Bounds on tan ψ, and on h and h² times its derivatives.
+            # Bounds on |tan ψ|, on h times its first derivative, and on h² times its second derivative.
             tan, per_angle = c.sin_alpha / c.cos_alpha, 1 / c.cos_alpha**2
             tan_rate = beam.first * per_angle
             tan_curvature = (beam.second + 2 * tan * beam.first**2) * per_angle
@@ -69,7 +72,7 @@ class SampleForces(NamedTuple):
         return cls(start, end, curvature)
 
     def axial_within(self, joint: int, least: Value, most: Value) -> Flag:
-        """Return whether N stays between two values [m/s²] at the bottom (0) or the top joint (1)."""
+        """Return whether N stays between `least` and `most` [m/s²] at the bottom (0) or the top joint (1)."""
         rows = zip(*(forces.axial[joint] for forces in self), strict=True)
         return all_of(
             exceeds_nowhere(side * start, side * end, curvature, side * limit)
@@ -78,7 +81,8 @@ class SampleForces(NamedTuple):
         )
 
     def stays_below(self, joint: int, steepest: Force) -> Flag:
-        """Return whether no force at the bottom (0) or the top joint (1) is steeper than a given force."""
+        """Return whether no force at the bottom (0) or the top joint (1) has a larger friction demand |T|/N
+        than the force `steepest`. The result is also True if `steepest` is not in compression."""
         size, axial = steepest
         rows = zip(
             *(y for forces in self for y in (forces.tangential[joint], forces.axial[joint])), strict=True

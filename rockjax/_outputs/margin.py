@@ -20,8 +20,8 @@ from .views import Bounces, Start, Step, StepEnd, Turn
 
 @dataclasses.dataclass(frozen=True)
 class Margin(AbstractEventOutput):
-    """The overturning margin: the least margin of all turning points of the rotation, or a negative value if
-    the scene overturned. `turning_points.py` defines the margin of a turning point."""
+    """The overturning margin: the least margin of all turning points of the rotation, or the negative margin
+    at the overturning angle if the columns overturn. `turning_points.py` defines these margins."""
 
     name = "margin"
     unit = "1"
@@ -65,8 +65,8 @@ class Margin(AbstractEventOutput):
 
 @dataclasses.dataclass(frozen=True)
 class TurningPoints(AbstractInternalOutput):
-    """The turning point of the rotation in the latest trial step (a step that may be rejected). From this
-    turning point, batches estimate the distance to the overturning boundary."""
+    """The maximum of |θ| in the latest trial step (a step that may be rejected); inf if the step has none or
+    was rejected. From this turning point, batches estimate the distance to the overturning boundary."""
 
     name = "turning_points"
 

@@ -56,15 +56,15 @@ VARIABLES: dict[str, tuple[Variable, str]] = {
 def variables_of(outputs) -> dict[str, tuple[Variable, str]]:
     """Return the answers of outputs by name, in the form of `VARIABLES`.
 
-    - `outputs`: names in the registry, and instances of other outputs
+    - `outputs`: names in the registry, or instances of outputs
     """
     instances = [REGISTRY[y] if isinstance(y, str) else y for y in outputs]
     return {variable.name: (variable, output.name) for output in instances for variable in output.variables}
 
 
 def suitable_outputs(podium: Podium) -> tuple[str, ...]:
-    """Return the names of the outputs that a designer needs for a podium: rotation, shear and motion of the
-    building, and forces of the joints if there is an elevation."""
+    """Return the names of the outputs that a designer needs for a podium: rotation, impacts and errors; shear
+    and motion of the building; and forces of the joints if there is an elevation."""
     names = ["peak_rotation", "impacts", "impacts_before_peak", "errors"]
     if podium.superstructure is not None:
         names += [name for name in BUILDING_OUTPUTS if REGISTRY[name].applies(podium)]

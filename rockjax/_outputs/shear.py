@@ -1,4 +1,5 @@
-"""The largest shear V_s at the base of the superstructure."""
+"""The largest shear V_s at the base of the superstructure, and bounds on the motion of the beam during
+skipped parts of a scene. Equations are those of docs/model.md."""
 
 from __future__ import annotations
 
@@ -21,10 +22,10 @@ from .views import Bounces, Ended, Moment, Rest, Sample, Start, Step
 
 @dataclasses.dataclass(frozen=True)
 class PeakShear(AbstractOutput):
-    """The peak shear of the superstructure divided by its weight, max|V_s|/(m_t g), Eq. (7).
+    """The peak shear of the superstructure divided by its weight, max|V_s|/(m_t g), Eq. (7) [–].
 
-    Mass that belongs to no mode moves with the deck. The impulses that act on this mass at impacts are
-    ignored.
+    Mass that belongs to no mode moves with the deck (the beam). The impulses that act on this mass at impacts
+    are ignored.
     """
 
     name = "peak_shear"
@@ -79,8 +80,9 @@ class PeakShear(AbstractOutput):
 
 
 def stays_below(sample: Sample, accumulator: Value) -> Flag:
-    """Return whether, during a sampling interval of length h, the shear |a_b|/g of a rigid superstructure
-    stays below the largest shear so far. The absolute acceleration of the beam is a_b = ü_g + ü_b, Eq. (14).
+    """Return whether the shear |a_b|/g of a rigid superstructure stays at or below the accumulator (the
+    largest shear up to now) during a sampling interval of length h. The absolute acceleration of the beam is
+    a_b = ü_g + ü_b, Eq. (14).
 
     If |d²a_b/dt²| ≤ Cg, the shear at the fraction z ∈ [0, 1] of the interval exceeds the linear interpolation
     between both ends by at most C z(1 − z) h²/2.
@@ -92,9 +94,9 @@ def stays_below(sample: Sample, accumulator: Value) -> Flag:
 
 
 def exceeds_nowhere(start: Value, end: Value, curvature: Value, level: Value | float) -> Flag:
-    """Return whether a quantity y certainly does not exceed a level in a step of length h.
+    """Return whether a quantity y certainly does not exceed a level in an interval of length h.
 
-    - `start`, `end`: y at both ends; `curvature`: bound on h²|d²y/dt²|; `level`: the level
+    - `start`, `end`: y at both ends; `curvature`: bound on h²|d²y/dt²|; `level`: the level, in the unit of y
     """
     # Either y never exceeds its value at the start, or its largest possible value is below the level.
     decreases = (start <= level) & (end + 0.5 * curvature <= start)
@@ -102,9 +104,9 @@ def exceeds_nowhere(start: Value, end: Value, curvature: Value, level: Value | f
 
 
 class BeamCurvatures(NamedTuple):
-    """Bounds in a sampling interval of length h.
+    """Bounds on the motion of the beam in a sampling interval of length h.
 
-    - `horizontal`, `vertical`: bounds on h² d²ü_b/dt² and h² d²v̈_b/dt² of the beam, Eqs. (14), (15) [m/s²]
+    - `horizontal`, `vertical`: bounds on h²|d²ü_b/dt²| and h²|d²v̈_b/dt²|, Eqs. (14), (15) [m/s²]
     - `first`, `second`: bounds on h|θ̇| and h²|θ̈| [rad]
     """
 
@@ -115,8 +117,8 @@ class BeamCurvatures(NamedTuple):
 
 
 def beam_curvatures(sample: Sample) -> BeamCurvatures:
-    """Return bounds on the motion of the beam in a sampling interval. The ground acceleration is linear in
-    time."""
+    """Return bounds on the motion of the beam in a sampling interval, in which the ground acceleration is
+    linear in time, for a rigid podium without restrainers."""
     c: Coefficients = sample.c
     h = sample.h
     grounds = sample.start[0], sample.end[0]

@@ -19,8 +19,8 @@ class AbstractStoryOutput(AbstractOutput):
 
     axis = STORIES
 
-    stories: int = 0
-    elastic: bool = True
+    stories: int = 0  # number of stories; 0 unless the superstructure is a building
+    elastic: bool = True  # whether the superstructure vibrates
 
     def applies(self, podium: Podium) -> bool:
         return self.of(podium).stories > 0

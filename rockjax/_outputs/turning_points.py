@@ -1,22 +1,23 @@
 """The overturning margin M: positive if the scene survives, zero on the boundary, negative if it overturns.
 
-The margin is an energy divided by the depth of the potential well, which is the difference of the potential
-between full contact and the overturning angle α_o = overturn_ratio·α. At a turning point |θ| = θ_m < α_o, the
-margin is the work that a rotation from θ_m to α_o would do, against gravity (G) and against other
-decelerating moments (W):
+The depth of the potential well is the increase of the potential from full contact to the overturning angle
+α_o = overturn_ratio·α. The margin is an energy divided by this depth. At a turning point |θ| = θ_m < α_o, the
+energy is the work of a further rotation from θ_m to α_o against gravity and against other decelerating
+moments. Divided by the depth, these are G and W, and the contribution of W is limited to w:
 
     M = G + W/(1 + W/w),   G = [cos(α−α_o) − cos(α−θ_m)] / d,   W = f⁺ [sin(α−θ_m) − sin(α−α_o)] / d,
     d = cos(α−α_o) − cos α,
 
-where f is the decelerating moment at the turning point without that of gravity, divided by the coefficient of
-gravity in Eq. (24), f⁺ is the positive part of f, and w = 0.02. A column that reaches α_o with the speed θ̇
-has the excess energy I θ̇²/2 there, and the margin −I θ̇²/2 divided by the depth. I is the inertia of
-columns, beam and superstructure moving together, as they do near the unstable equilibrium.
+where f is the decelerating moment at the turning point without the moment of gravity, divided by the
+coefficient of gravity in Eq. (24) of docs/model.md, f⁺ is the positive part of f, and w = 0.02. A column that
+reaches α_o with the speed θ̇ has the excess energy I θ̇²/2 there, and the margin −I θ̇²/2 divided by the depth.
+I is the inertia of columns, beam and superstructure moving together, as they do near the unstable
+equilibrium.
 
 As a function of a parameter, M passes through zero with a finite slope, both during the shaking and after it.
 The slopes on both sides are equal if only gravity acts, and nearly equal if the ground still moves or the
-superstructure vibrates. With restrainers the potential V of (C3) replaces the potential of gravity, (C21) of
-docs/equations.md:
+superstructure vibrates. With restrainers the potential V of (C3) replaces the potential of gravity, (C21);
+both equations are in docs/equations.md:
 
     G = 1 − V(θ_m)/V(α_o),   f = I (−σθ̈) − V'(θ_m),   W = f⁺ [sin(α−θ_m) − sin(α−α_o)] / V(α_o).
 
@@ -35,7 +36,7 @@ from rockjax._engine.energy import potential, potential_slope, rotational_inerti
 from rockjax._sincos import sincos
 from rockjax._types import Value
 
-MAX_WORK = 0.02  # w: limit of the contribution of other moments than that of gravity
+MAX_WORK = 0.02  # w: limit of the contribution of moments other than gravity
 
 
 def margin_at_turn(c: Coefficients, overturn_angle: Value, theta: Value, slowing: Value) -> Value:
@@ -69,6 +70,6 @@ def margin_at_rest(c: Coefficients, overturn_angle: Value, theta: Value) -> Valu
 
 
 def _moment(c: Coefficients, theta: Value, rate: Value) -> Value:
-    """Return I times `rate`, divided by N m_c [m²/s²]; `rate` is an angular acceleration or a squared angular
-    speed."""
+    """Return I times `rate`, divided by N m_c [m²/s²]; `rate` is an angular acceleration [rad/s²] or a
+    squared angular speed [rad²/s²]."""
     return c.two_R**2 / 3 * rotational_inertia(c, jnp.ones_like(theta), theta) * rate

@@ -19,8 +19,9 @@ from .views import Bounces, Ended, Impact, Start, Step
 class PeakVelocityJump(AbstractEventOutput):
     """The largest jump of the horizontal velocity of the deck at an impact, max|Δv_b|, (L3) [m/s].
 
-    `is_final` bounds the jump at the fastest impact that can follow. At an impact, where θ = 0, the potential
-    energy is zero, and the kinetic energy, at least ½(`c.spin` + η(2R sin α)²)θ̇², is at most `bounds.energy`.
+    `is_final` bounds the jump at the fastest impact that can follow. At an impact θ = 0, so the potential
+    energy of gravity and restrainers is zero. The kinetic energy is at least ½(`c.spin` + η(2R sin α)²)θ̇² and
+    at most `bounds.energy`.
     """
 
     name = "peak_velocity_jump"
@@ -54,7 +55,7 @@ class PeakVelocityJump(AbstractEventOutput):
 
 
 def _jump_bound(c: Coefficients, speed: Value, min_impact_speed: Value) -> Value:
-    """Bound the velocity jumps at impacts with |θ̇⁻| ≤ `speed` [m/s]. After an impact with |θ̇⁻| ≤
-    `min_impact_speed` the deck is at rest, so the jump is its whole velocity."""
+    """Bound the velocity jumps of the deck at impacts with |θ̇⁻| up to `speed` [m/s]. An impact with |θ̇⁻| up
+    to `min_impact_speed` leads to rest, so the deck loses its whole velocity."""
     change = jnp.maximum(jnp.minimum(1 - c.restitution, 1.0) * speed, jnp.minimum(speed, min_impact_speed))
     return c.two_R * c.cos_alpha * change

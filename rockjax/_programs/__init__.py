@@ -1,1 +1,1 @@
-"""Compiled programs, which are stored on disk. Later processes load them instead of tracing and compiling."""
+"""Compiled programs: their derivatives, and a store on disk, from which later processes load them."""

@@ -1,7 +1,7 @@
 """A barrier against repeated computation by the compiler.
 
 XLA splits an integration step into kernels, which are loops over the scenes of a batch. Without barriers,
-every kernel computes again all intermediate results that it needs, from stored values. A barrier stores its
+every kernel computes all intermediate results that it needs again from stored values. A barrier stores its
 values, and all later kernels read them.
 """
 

@@ -1,10 +1,10 @@
 """Derivatives of programs, in forward mode together with the value.
 
 A scene is one structure under one ground motion. Its answers are the floats and integers that its program
-returns. Scenes inside a traced program get the derivative rule of `_with_jacobian_rule`: a Jacobian with
-respect to the differentiated scalars. All other scenes get that of `differentiable`: a stored program that
-computes, in one pass, the answers and the derivatives of the floats with respect to every scalar parameter of
-the podium and the excitation. `jax.grad`, `jacfwd` and `jvp` combine these derivatives.
+returns. A scene inside a traced program gets the derivative rule of `_with_jacobian_rule`: a Jacobian with
+respect to the differentiated scalars. Any other scene gets the derivative rule of `differentiable`: a stored
+program computes, in one pass, the answers and the derivatives of the floats with respect to every scalar
+parameter of the podium and the excitation. `jax.grad`, `jacfwd` and `jvp` combine these derivatives.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ def push_forward(
     - `arguments`: arguments of the function, pytrees
     - `slopes`: for each argument a pytree of its derivatives with respect to n parameters, along a new
       first axis of length n; None for leaves that do not depend on the parameters
-    - `loops`: True for a function with loops, whose tangents are computed together with its values. False
-      for a function without loops, which is linearised first, so that all n tangents share the
+    - `loops`: whether the function has loops. With loops, the tangents are computed together with the
+      values. Without loops, the function is linearised first, so that all n tangents share the
       intermediate results
 
     Returns (floats, derivatives of the floats along a new first axis of length n, other outputs).
@@ -75,11 +75,11 @@ def _take_leaves(function: Callable, structure: Any, **keywords: Any) -> Callabl
 def with_derivatives(function: Callable) -> Callable:
     """Give a function of a scene the derivative rule of `_with_jacobian_rule`.
 
-    - `function`: function of the arguments of a scene, the last of which is the solver's options, and of the
-      keywords `capacity` and `reversible`. The function returns (floats, integers). With `reversible`, its
-      loops can be differentiated in reverse mode
+    - `function`: function that returns (floats, integers). Its arguments are those of a scene, and the last
+      one is the solver's options; its keywords are `capacity` and `reversible`. With `reversible`, its loops
+      can be differentiated in reverse mode
 
-    Returns a function of the same arguments and `capacity`.
+    Returns a function of the same arguments and the keyword `capacity`.
     """
 
     @functools.wraps(function)
@@ -98,8 +98,9 @@ def with_slopes(function: Callable) -> Callable:
 
     - `function`: as for `with_derivatives`
 
-    The returned function has the keyword `leaf_indices`. The derivatives are with respect to the leaves with
-    these indices, one row per leaf.
+    The returned function has the keywords `leaf_indices` and `capacity`, and returns ((floats, integers),
+    derivatives). The derivatives are with respect to the leaves with the indices `leaf_indices`, one row per
+    leaf.
     """
 
     @functools.wraps(function)
@@ -158,7 +159,8 @@ def _no_tangent(integers: Any) -> Any:
 
 @jax.custom_jvp
 def _first_order_only(x):
-    """Return x. Its second derivative raises an error, since event times are exact only to first order."""
+    """Return x. Differentiating the result raises an error. First derivatives are computed at such a point,
+    so they cannot be differentiated again; event times are exact only to first order."""
     return x
 
 
@@ -181,6 +183,7 @@ def with_tangents(values):
 
 def _with_tangents_jvp(primals, tangents):
     """Replace symbolic zeros by zero tangents that are batched like the existing tangents."""
+    # `zero` is computed from an existing tangent, so that `vmap` batches it, too.
     is_absent = lambda y: isinstance(y, SymbolicZero)
     existing = next(y for y in jax.tree.leaves(tangents[0], is_leaf=is_absent) if not is_absent(y))
     zero = jax.lax.select(False, existing, jnp.zeros_like(existing))[(0,) * existing.ndim]
@@ -217,7 +220,8 @@ def find_dependent_outputs(function: Callable, argument: Any) -> Any:
 
 
 def is_concrete(leaf: Any) -> bool:
-    """Return whether the value of a leaf is known: outside jit, also inside `jax.grad` or `jax.jvp`."""
+    """Return whether the value of a leaf is known. Outside jit it is known, also inside `jax.grad` or
+    `jax.jvp`."""
     if not isinstance(leaf, Tracer):
         return True
     # A tracer of `grad` or `jvp` holds the value at which the derivative is evaluated.
@@ -237,9 +241,9 @@ def differentiable(program: StoredProgram, slopes_of: StoredProgram, structure: 
     """Return a differentiable function from the leaves of a scene to its answers.
 
     - `program`: program that computes the answers
-    - `slopes_of`: program that computes the answers and their derivatives, see `with_slopes`
-    - `structure`: tree structure of the arguments
-    - `capacity`: number of steps to store; None to store no steps
+    - `slopes_of`: program that computes the answers and the derivatives of the floats, see `with_slopes`
+    - `structure`: tree structure of the arguments (podium, excitation, …)
+    - `capacity`: number of nodes (accepted steps) to store; None stores none
     """
 
     @jax.custom_jvp
@@ -276,10 +280,9 @@ def directional_derivative(slope: np.ndarray, directions: dict[int, Any]):
     """Return Σ_k directions[k] · slope[k], the derivative of one answer.
 
     - `slope`: derivatives of the answer with respect to the parameters, along the first axis
-    - `directions`: scalar tangents of parameters, by their index
+    - `directions`: scalar tangents of parameters, by the index k of the parameter on this axis
 
-    Outside jit every operation compiles separately. The function therefore uses only few and simple
-    operations.
+    Outside jit every operation compiles separately, so the function uses only few and simple operations.
     """
     terms = []
     for k, direction in directions.items():
@@ -291,8 +294,8 @@ def directional_derivative(slope: np.ndarray, directions: dict[int, Any]):
 def _differentiate_traced(
     program: StoredProgram, structure: Any, capacity: int | None, primals, tangents, varied
 ):
-    """Differentiate the program through `jax.jit`: with respect to arrays, such as samples, with respect to
-    initial states, and inside other transformations."""
+    """Differentiate the program through `jax.jit`: with respect to anything but scalar parameters of the
+    podium and the excitation (such as samples or initial states), or inside other transformations."""
     traced = lambda *leaves: program.through_jit(*jax.tree.unflatten(structure, leaves), capacity=capacity)
     restricted = _restrict(traced, primals, varied)
     return jax.jvp(restricted, [primals[i] for i in varied], [tangents[i] for i in varied])

@@ -2,7 +2,7 @@
 
 A key contains the structure of the arguments (classes, static fields, shapes and types of arrays and
 numbers), the versions of the libraries, the source of this package, JAX's settings, and the processor.
-User-defined classes and functions have no key, because the same name may mean other code in another process.
+User-defined classes and functions have no key, because their names may mean other code in another process.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ import numpy as np
 _OWN_PACKAGES = ("rockjax", "optimise")  # identified by their source
 _LIBRARIES = ("jax", "jaxlib", "numpy", "equinox", "diffrax", "optimistix", "lineax")  # identified by version
 _FOLDERS_WITHOUT_PROGRAMS = ("_cli", "plots")  # folders whose source affects no program
+# Entries of /proc/cpuinfo that identify the processor.
 _PROCESSOR = ("vendor_id", "cpu family", "model", "model name", "stepping", "flags", "features", "cpu part")
 # JAX's settings are ignored if their name contains one of these words.
 _IGNORED_SETTINGS = ("cache", "log", "dump", "traceback", "profil", "hash")
@@ -38,8 +39,8 @@ class TracedFunction:
     """A user-defined function, identified by the lowered program of the function and its derivative.
 
     - `function`: the function
-    - `examples`: example arguments for lowering, pytrees of arrays or of their shapes. The function may also
-      be called with other shapes
+    - `examples`: example arguments for lowering, pytrees of arrays or of `jax.ShapeDtypeStruct`. The function
+      may also be called with other shapes
     """
 
     def __init__(self, function: Callable, *examples: Any):
@@ -120,7 +121,7 @@ def describe_shapes(leaves: Iterable[Any]) -> str:
 
 
 def describe_machine() -> str:
-    """Return the versions, settings and processor on which a compiled program depends, as a string."""
+    """Return a string with the versions, settings and processor on which a compiled program depends."""
     settings = [
         (name, getattr(jax.config, name, value))
         for name, value in sorted(jax.config.values.items())
@@ -133,7 +134,8 @@ def describe_machine() -> str:
 def _describe_versions() -> str:
     device = jax.local_devices(backend="cpu")[0]
     libraries = [f"{name} {version(name)}" for name in _LIBRARIES]
-    try:  # the compiler uses features of the processor; where they are unknown, the key names the machine
+    # The compiler uses features of the processor. Where they are unknown, the key names the machine.
+    try:
         lines = Path("/proc/cpuinfo").read_text().split("\n\n")[0].splitlines()
         processor = [line for line in lines if line.split(":")[0].strip().lower() in _PROCESSOR]
     except OSError:
@@ -146,8 +148,8 @@ def _describe_versions() -> str:
 
 @functools.cache
 def source_hash() -> str:
-    """Return a hash of the source of `rockjax` and `optimise` and of their JSON tables. Raises `NoKeyError`
-    if a package has no source files."""
+    """Return a hash of the source and the JSON tables of `rockjax` and `optimise`, without
+    `_FOLDERS_WITHOUT_PROGRAMS`. Raises `NoKeyError` if a package has no source files."""
     digest = hashlib.sha256()
     for package in _OWN_PACKAGES:
         spec = find_spec(package)

@@ -1,7 +1,7 @@
 """Compiled functions that are stored on disk.
 
-A function is traced and compiled once for each kind of arguments (structure, static values, shapes and
-types). This process and later ones then use the compiled program.
+A function is traced and compiled once for each combination of structure, static values, shapes and types of
+its arguments. This process and later ones then use the compiled program.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from . import key as keys
 from . import store
 
 ARRAYS = np.ndarray | np.generic | jax.Array  # includes tracers
-COUNTS = {"loaded": 0, "compiled": 0}  # numbers of programs in this process
+COUNTS = {"loaded": 0, "compiled": 0}  # numbers of programs that this process has loaded and compiled
 _LOG = logging.getLogger("rockjax")
 _ANNOUNCE_AFTER = 2.0  # duration of a compilation after which a message announces it [s]
 # JAX's settings that affect tracing and may change within a process.
@@ -37,7 +37,7 @@ _SETTINGS = operator.attrgetter(
     "jax_numpy_dtype_promotion",
     "jax_numpy_rank_promotion",
 )
-# Level 1 compiles faster than JAX's level 3, and the programs are as fast.
+# Level 1 compiles faster than JAX's default level 3, and the programs run equally fast.
 _OPTIMISATION = {"xla_backend_optimization_level": 1}
 
 
@@ -55,13 +55,13 @@ class StoredProgram:
     - `function`: the function
     - `donate`: positions of arguments whose memory may be reused for the result
     - `arrays_only`: True to treat Python numbers as static, too
-    - `compiler_options`: options of XLA
+    - `compiler_options`: options of XLA; None for the defaults
     - `name`: name of the program in its key; by default the full name of the function
     - `description`: name of the program in progress bars
 
-    For arguments that are not traced, on a single CPU, the program is loaded from the store if possible,
-    without tracing and compiling. Its results are bitwise identical to those of the program that was stored.
-    All other arguments, such as tracers, are passed to `jax.jit`.
+    If the arguments are not traced and JAX runs on a single CPU device, the program is loaded from the store
+    if possible, without tracing and compiling. The loaded program gives bitwise the same results as the
+    program that was stored. In all other cases the function is called through `jax.jit`.
     """
 
     def __init__(
@@ -96,7 +96,8 @@ class StoredProgram:
             return (self._ready.get(key) or self._make(key, passed))(*passed)
 
     def prepare(self, *arguments: Any, **keywords: Any) -> None:
-        """Start to load or compile the program for such arguments, in another thread."""
+        """Start to load or compile the program for these arguments in another thread, unless it is ready or
+        would be called through `jax.jit`."""
         passed, static = self._split(arguments, keywords)
         key = static, _types(passed), _SETTINGS(jax.config)
 
@@ -145,7 +146,7 @@ class StoredProgram:
         return self._jits[static]
 
     def _make(self, key: Any, passed: list) -> Callable:
-        """Load or compile the program of a key."""
+        """Load or compile the program of a key, once for all threads."""
         # One thread compiles a program while other threads wait for it. A thread that holds the tracing lock
         # must not wait, because the compiling thread may need this lock.
         lock = self._locks.setdefault(key, threading.Lock())
@@ -224,7 +225,7 @@ def _watch_cache_hits() -> None:
 
 
 def _load(key: str) -> Callable | None:
-    """Return the program stored under a key; None if there is none, or if it cannot be loaded."""
+    """Return the program stored under a key; None if nothing is stored there or it cannot be loaded."""
     content = store.read(key)
     if content is None:
         return None
@@ -245,8 +246,8 @@ def _load(key: str) -> Callable | None:
 def _register_lapack() -> None:
     """Register LAPACK with XLA.
 
-    JAX registers LAPACK when it lowers the first program that needs it. A loaded program is not lowered;
-    without this registration it would call a missing function and crash the process.
+    JAX registers LAPACK when it lowers the first program that needs it. A loaded program is not lowered.
+    Without this registration, it would call a missing function and crash the process.
     """
     jax.jit(jax.numpy.linalg.cholesky).lower(np.eye(1))
 
@@ -255,8 +256,8 @@ def _write(key: str, compiled: Any) -> None:
     """Store a program under a key, if possible."""
     try:
         content = serialize(compiled)
-        # Some trees of answers cannot be rebuilt after pickling. Rebuilding the tree here raises an error now
-        # instead of in a call of the stored program.
+        # Some trees of answers cannot be rebuilt after pickling. Rebuilding the tree here raises the error
+        # before such a program is stored.
         answers = pickle.loads(pickle.dumps(content[2]))
         jax.tree.unflatten(answers, range(answers.num_leaves))
         store.write(key, pickle.dumps(content))
@@ -283,8 +284,8 @@ _ANNOUNCED = threading.Event()
 
 @contextlib.contextmanager
 def compiling(name: str) -> Iterator[None]:
-    """Register the name of the program that the `with` block compiles, for progress bars. Once per process,
-    a message announces a compilation of more than 2 s."""
+    """Register the name of the program that the `with` block compiles, for progress bars. The first
+    compilation in a process that takes more than 2 s is announced in the log."""
     _COMPILING.append(name)
     timer = threading.Timer(_ANNOUNCE_AFTER, _announce)
     timer.daemon = True
@@ -303,11 +304,12 @@ def current_compilation() -> str | None:
 
 
 def _announce() -> None:
-    """Log that a program is being compiled, once per process."""
+    """Log, once per process, that a program is being compiled."""
     if not _ANNOUNCED.is_set():
         _ANNOUNCED.set()
         stored_note = f"the program is stored in {store.folder()}, and later processes only load it"
-        note = stored_note if store.enabled() else "the program is not stored, since ROCKJAX_CACHE is off"
+        reason = store.reason_unused()
+        note = f"the program is not stored: {reason}" if reason else stored_note
         _LOG.warning("compiling a program for this kind of scene, which may take some seconds; %s", note)
 
 
@@ -317,7 +319,8 @@ def _cpu() -> Any:
 
 
 def _types(leaves: list[Any]) -> tuple[Hashable, ...] | None:
-    """Return the shapes and types of numbers and arrays; None if one of them is traced or not on the CPU."""
+    """Return the shapes and types of numbers and arrays; None if one of them is traced or not on the first
+    CPU device."""
     cpu_sharding, types = jax.sharding.SingleDeviceSharding(_cpu()), []
     for y in leaves:
         if isinstance(y, np.ndarray | np.generic):
@@ -330,7 +333,8 @@ def _types(leaves: list[Any]) -> tuple[Hashable, ...] | None:
 
 
 def _runs_on_one_cpu() -> bool:
-    """Return whether programs run on a single CPU in a single process, without JAX's debugging settings."""
+    """Return whether programs run on a single CPU device in a single process, without JAX's debugging
+    settings."""
     settings: Any = jax.config
     uses_cpu = settings.jax_default_device in (None, "cpu", _cpu()) and jax.default_backend() == "cpu"
     is_debugged = settings.jax_disable_jit or settings.jax_check_tracer_leaks

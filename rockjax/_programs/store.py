@@ -1,8 +1,8 @@
 """The folder of stored programs: its path, its permissions and its size limit.
 
 Stored programs are executed, so the folder is used only if it belongs to this user and no other user can
-write to it. Files are written atomically and contain a checksum. If the folder exceeds the size limit,
-the least recently used files are deleted.
+write to it. Files are written atomically and contain a checksum. When a program is stored and the folder then
+exceeds the size limit, the least recently used files are deleted.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ _LOG = logging.getLogger("rockjax")
 
 
 class Entry(NamedTuple):
-    """A stored program: its file, its size [bytes], and the time of its last use [s since 1970]."""
+    """A file of the folder."""
 
     path: Path
-    size: int
-    used: float
+    size: int  # [bytes]
+    used: float  # time of the last use [s since 1970]
 
 
 def enabled() -> bool:
@@ -64,7 +64,7 @@ def limit() -> int:
     except ValueError:
         size = -1.0
     if not 0 <= size < float("inf"):
-        raise ValueError(f"ROCKJAX_CACHE_SIZE must be a size in MiB, a number ≥ 0, got {text!r}")
+        raise ValueError(f"ROCKJAX_CACHE_SIZE must be a size in MiB, a finite number ≥ 0, got {text!r}")
     return int(size * 2**20)
 
 
@@ -82,7 +82,7 @@ def _reason_unsafe(path: Path) -> str | None:
 
 
 def reason_unused() -> str | None:
-    """Return the reason why programs are not stored; None if they are stored."""
+    """Return the reason why programs are neither stored nor loaded; None if they are."""
     if not enabled():
         return "ROCKJAX_CACHE is off"
     try:
@@ -127,9 +127,11 @@ def read(key: str) -> bytes | None:
 
 
 def write(key: str, data: bytes) -> None:
-    """Store data under a key, and delete the least recently used programs beyond the size limit.
+    """Store data under a key, and delete the least recently used files until the folder is within the size
+    limit.
 
-    Data larger than the limit are not stored. Raises `OSError` on failure, such as a full disk.
+    Data whose file would exceed the limit are not stored. Raises `OSError` on failure, such as a full disk or
+    a folder that other users can write to, and `ValueError` for an invalid limit.
     """
     path, limit_bytes = folder(), limit()
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,9 +1,9 @@
 """Detection of bounces that certainly end at rest, and can be skipped.
 
 A rigid column that hits the ground slowly continues in ever shorter hops (motions from one impact to the
-next). Each impact multiplies the speed by the restitution factor e, which bounds the time until rest. If the
-ground motion cannot lift the column before that time, and no hop can change an output, the bounces are
-skipped: the column is put to rest at the first impact.
+next). Each impact multiplies the speed by the restitution factor e, so the time until rest has a bound. If
+the ground motion cannot lift the column before that time, and no hop can change an output, the bounces are
+skipped: the column is put to rest at the first impact. Eq. (24) is in docs/model.md.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from rockjax._outputs.views import Bounces
 from rockjax._programs.barrier import barrier
 from rockjax._types import Flag, Index, Value
 
-# The ground motion is bounded over this multiple of the estimated duration of the bounces.
+# The bound on the ground motion covers this multiple of the estimated duration of the bounces.
 AHEAD = 2.0
 
 
@@ -28,8 +28,8 @@ class Skipped(NamedTuple):
     """Skipped bounces after an impact."""
 
     to_rest: Flag  # the bounces are skipped, and the columns rest
-    impacts: Index  # number of skipped impacts
-    min_impact_speed: Value  # least |θ̇⁻| of the present and the skipped impacts [rad/s]
+    impacts: Index  # number of skipped impacts; 0 unless `to_rest`
+    min_impact_speed: Value  # least |θ̇⁻| of this impact and the skipped impacts [rad/s]
 
 
 def skipped_bounces(
@@ -41,7 +41,8 @@ def skipped_bounces(
     speed: Value,
     replayed: Decision | None,
 ) -> Skipped:
-    """Return whether the bounces after an impact are skipped, and how many impacts they contain.
+    """Return the `Skipped` bounces after an impact: whether they are skipped, and how many impacts they
+    contain.
 
     - `scene`, `plan`: the prepared scene, and its choices fixed at compilation
     - `state`: state before the step that ends with the impact
@@ -51,7 +52,8 @@ def skipped_bounces(
     - `replayed`: recorded decision of an accepted step to repeat; None if the step is decided here
 
     Bounces are skipped only for rigid podiums without restrainers, if no output needs every impact and the
-    excitation is bounded over a time interval.
+    excitation has a bound over a time interval (`AbstractExcitation.at_most`). In a replayed step, skipped
+    impacts are not counted again.
     """
     if replayed is not None:  # the recorded contact mode shows whether bounces were skipped
         return Skipped(hit & (replayed.mode == 0), jnp.zeros_like(state.impacts), speed)
@@ -72,7 +74,7 @@ def _bounces_to_rest(
     now: tuple[Value, Index, Value | Shaking],
     speed: Value,
 ) -> Flag | None:
-    """Return whether the columns certainly come to rest without a change of any output. Return None if the
+    """Return whether the columns certainly come to rest without a change of any output; None if the
     excitation has no bound over a time interval.
 
     - `scene`, `plan`, `state`, `now`: as in `skipped_bounces`
@@ -102,7 +104,8 @@ def _bounces_to_rest(
     moment = restoring_moment(max_ground)
     # Bound on |θ|, valid if at least half of the moment is left at the top of a hop, as `rests` requires.
     height = speed**2 * c.inertia / jnp.where(moment > 0, moment, 1.0)
-    # From θ = 0 to the top, sin ψ decreases by at most |θ|, and cos ψ increases by at most |θ| sin α.
+    # From θ = 0 to the top of a hop, sin ψ decreases by at most |θ|, and cos ψ increases by at most
+    # |θ| sin α.
     moment_at_top = moment - height * (c.gravity + c.ground * max_ground * c.sin_alpha)
     rests = (moment > 0) & (moment_at_top > 0.5 * moment) & (momentum < span * moment_at_top * loss)
     bounces = Bounces(c, scene.overturn_angle, max_ground, height, speed, scene.min_impact_speed)

@@ -1,5 +1,8 @@
-"""Fast-forward through full contact of a rigid podium. Relative to the ground, nothing moves until the next
-uplift: the next time at which the uplift demand exceeds the threshold."""
+"""Fast-forward through full contact of a rigid podium.
+
+Relative to the ground, nothing moves until the next uplift: the next time at which the uplift demand exceeds
+its threshold.
+"""
 
 from __future__ import annotations
 
@@ -21,14 +24,16 @@ from rockjax._types import Index
 def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopState, StepInfo]:
     """Advance a rigid podium in full contact to its next uplift.
 
-    Returns the state after the uplift and the `StepInfo`. A scene without a further uplift ends.
+    Returns the state after the uplift and the `StepInfo`. If the columns do not lift before the end of the
+    scene, the scene ends: at once if the excitation has no further exceedance, otherwise at its end time.
     """
     constant = jax.lax.stop_gradient
     c, t, excitation = scene.c, state.t, scene.excitation
     lifts_at = constant(scene.lookahead.next_exceedance(t, state.piece))
     end = constant(scene.end)
     lifts = lifts_at < end
-    # `stamp` is the time of the uplift without derivatives; `now` below is the same time with derivatives.
+    # `stamp` is the time of the uplift without derivatives, or the time at which the scene ends; `now` below
+    # is the same time with derivatives.
     stamp = jnp.where(lifts, lifts_at, jnp.where(jnp.isinf(lifts_at), t, end))
     piece = jnp.where(lifts, excitation.locate(stamp), state.piece)
 
@@ -38,9 +43,9 @@ def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopS
 
     side = constant(-jnp.sign(demand_on(piece)(stamp)))
     # Uplift occurs where the demand crosses the threshold, or at a breakpoint where the demand jumps above
-    # the threshold. The time of the uplift is differentiated as that of the crossing or of the breakpoint. If
-    # the demand crosses the threshold at a breakpoint without a jump, the piece before the breakpoint
-    # applies.
+    # the threshold. The time of the uplift has the derivatives of the crossing or of the breakpoint. If the
+    # demand crosses the threshold at a breakpoint without a jump, they follow from the piece before the
+    # breakpoint.
     previous_breakpoint = excitation.breakpoint(excitation.before(piece))
     at_breakpoint = constant(previous_breakpoint) == stamp
     jump = demand_on(piece)(stamp) - demand_on(excitation.before(piece))(stamp)
@@ -56,7 +61,8 @@ def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopS
         lifts, results.RUNNING, jnp.where(jnp.isinf(lifts_at), results.SETTLED, results.END_OF_TIME)
     )
     until = jnp.where(lifts, now, scene.end)
-    # If the ground acceleration jumps at the uplift, outputs of the rest must not include the value after it.
+    # If the ground acceleration jumps at the uplift, outputs over the rest must not include the value after
+    # the jump.
     rounding = jnp.finfo(t.dtype).eps * (jnp.abs(stamp) + 1 / constant(c.p))
     rest = Rest(scene, state.event_time, until, jnp.where(lifts & jumps, rounding, 0.0))
     accumulators = tuple(

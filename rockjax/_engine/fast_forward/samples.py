@@ -2,8 +2,8 @@
 
 A trial step is a step that may be rejected, or shortened to end on an event. Under sampled ground motions,
 trial steps end on every sample and are far shorter than the tolerance requires. Between most samples rigid
-columns rock on, and no event occurs. There a Nyström step without a search for events replaces the trial
-step, under three conditions:
+columns rock on, and no event occurs. A Nyström step without a search for events then replaces the trial step,
+under three conditions:
 
 - the error of the step is small enough;
 - the rotation is monotone, does not change its sign and stays below the overturning angle;
@@ -31,8 +31,8 @@ from rockjax._types import Flag, Value, Vector
 
 
 def can_skip_samples(scene: Scene, plan: Plan) -> bool:
-    """Return whether samples may be skipped: the plan allows it, the excitation is sampled, and accelerations
-    depend only on time and rotation."""
+    """Return whether samples may be skipped: the plan allows it, the excitation is sampled, and there are no
+    restrainers, so that accelerations depend only on time and rotation."""
     sampled = isinstance(scene.excitation, AbstractSampled)
     return "samples" in plan.fast_forwards and sampled and scene.c.restraint is None
 
@@ -48,8 +48,8 @@ def may_skip_after(scene: Scene, mode: Value, t: Value) -> Flag:
 
 
 def skip_samples(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
-    """Return the state at the first sample after which a trial step is needed. Batches call `skip_sample`
-    instead."""
+    """Return the state after all samples that can be skipped; the next step needs a trial. Batches call
+    `skip_sample` instead."""
     if state.may_skip is None:
         return state
     skip = functools.partial(skip_sample, scene, plan)
@@ -74,7 +74,7 @@ def skip_sample(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
     )
     slope = barrier((ground_after - ground_before) / dt)
     ground = barrier(ground_before + slope * (state.t - record.sample_time(before)))
-    # `now` depends on the parameters start and dt of the record and carries their derivatives; `stamp` is the
+    # `now` carries the derivatives with respect to the parameters start and dt of the record; `stamp` is the
     # same time without derivatives.
     now = record.sample_time(piece)
     stamp = constant(now)
