@@ -126,8 +126,7 @@ def _length(
 ) -> tuple[Value, Flag]:
     """Return the length of the trial [s], and whether the trial ends at the time `stop`."""
     remaining = stop - state.t
-    # If the proposed step ends near the stop, one step or two steps cover the remaining time; see `SPLIT` in
-    # scene.py.
+    # The comment at `SPLIT` in scene.py explains how steps divide the remaining time.
     covers_remaining = (state.h > 0.999 * remaining) & (
         (state.h < 1.001 * remaining) | (state.h > scene.unsplit_limit * remaining)
     )

@@ -37,10 +37,10 @@ class Bounds:
     - `c`: constants of the podium
     - `overturn_angle`: α_o [rad]
     - `well`: |θ| at the top of the potential well [rad]; with restrainers, at most the overturning angle
-    - `ground`, `vertical`: bounds on |ü_g| and |v̈_g| during the rest of the excitation [m/s²]; `vertical` is
-      the float 0.0 if the ground does not move vertically
+    - `ground`, `vertical`: bounds on the present and later |ü_g| and |v̈_g| [m/s²]; `vertical` is the float
+      0.0 if the ground does not move vertically
     - `energy`: bound on the energy per mass N m_c of all columns, (C19) [m²/s²]
-    - `min_impact_speed`: the columns rest after an impact with |θ̇⁻| up to this speed [rad/s]
+    - `min_impact_speed`: an impact with |θ̇⁻| up to this speed ends rocking [rad/s]
     - `stays_inside`: whether the rotation stays inside the well
     - `rests`: whether the columns rest for good; the Python value False unless full contact is integrated
     - `demand`: bound on |q| in full contact [m/s²]; only set if full contact is integrated
@@ -164,8 +164,8 @@ class Bounds:
         return self.beam if self.c.vibration is None else self.springs(jnp.ones_like(self.c.eta))
 
     def floor_acceleration(self, weights: Values) -> Value:
-        """Bound the absolute horizontal acceleration of a floor, (L2) [m/s²]. `weights` are the weights of
-        the modes."""
+        """Bound the absolute horizontal acceleration of a floor with the weights w_i of the modes, (L2)
+        [m/s²]."""
         springs = self.springs(weights)
         if not_none(self.c.modal).residual is None:
             return springs

@@ -28,7 +28,8 @@ class ModalConstants(NamedTuple):
     """Constants of a superstructure with several modes, a residual mass or floors."""
 
     eta: Values  # mass ratios η_i of the modes
-    shares: Values  # η_i divided by the mass ratio of the whole superstructure; equal if it has no mass
+    # η_i divided by the mass ratio of the whole superstructure; equal shares if it has no mass.
+    shares: Values
     residual: Value | None  # η_r of the residual mass, a part of γ; None if the modes have all the mass
     # Γ_iφ_ji, participation factor times mode shape, of the floors j and the modes i; None without floors.
     floors: Values | None

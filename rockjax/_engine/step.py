@@ -269,8 +269,8 @@ def _advance(
 def _times(
     scene: Scene, state: LoopState, trial: Attempt, outcome: StepOutcome
 ) -> tuple[Index, Value, Value, Value]:
-    """Return the piece after the step, the stamp of the step's end, this time not held constant under
-    differentiation, and the derivatives of this time as a number of value zero."""
+    """Return the piece after the step, the stamp of the step's end, the same time not held constant under
+    differentiation, and a shift that is zero in value and carries the derivatives of this time."""
     constant, t, h, lands = jax.lax.stop_gradient, state.t, trial.h, outcome.lands
     now = jnp.where(lands, t + h + outcome.after, jnp.where(trial.reaches_stop, trial.stop, t + h))
     stamp = jnp.where(lands, jnp.minimum(constant(now), constant(trial.stop)), constant(now))

@@ -67,10 +67,10 @@ class AbstractOutput:
 
     and pass it in `Options(outputs=("peak_rotation", PeakBeamSpeed()))`. The answer is the largest absolute
     value of the quantity in the scene, and can be differentiated. Override `over_step`, `at_impact`, `update`
-    or `answer` for other forms of answers. Override further methods to save time: a scene ends early only if
-    `is_final` returns True for every output, and parts of a scene are skipped only if every output overrides
-    a method: `over_rest` for rests (full contact of a rigid podium), `over_sample` for samples of the ground
-    motion, `over_bounces` for bounces.
+    or `answer` for other forms of answers. Override further methods to save time. A scene ends early if
+    `is_final` returns True for every output. Parts of a scene can be skipped only if every output overrides
+    the method for them: `over_rest` for rests (full contact of a rigid podium), `over_sample` for samples of
+    the ground motion, `over_bounces` for bounces.
 
     - `name`: name in `Options.outputs` and of the answer
     - `unit`, `description`, `symbol`, `axis`, `sensitive`, `estimated`, `until_overturning`: properties of

@@ -159,8 +159,8 @@ def _no_tangent(integers: Any) -> Any:
 
 @jax.custom_jvp
 def _first_order_only(x):
-    """Return x. Differentiating the result raises an error. First derivatives are computed at such a point,
-    so they cannot be differentiated again; event times are exact only to first order."""
+    """Return x in a form that raises an error when it is differentiated. First derivatives are computed at
+    such a point and cannot be differentiated again, because event times are exact only to first order."""
     return x
 
 
@@ -220,8 +220,8 @@ def find_dependent_outputs(function: Callable, argument: Any) -> Any:
 
 
 def is_concrete(leaf: Any) -> bool:
-    """Return whether the value of a leaf is known. Outside jit it is known, also inside `jax.grad` or
-    `jax.jvp`."""
+    """Return whether the value of a leaf is known: for numbers, and outside jit also for tracers of
+    `jax.grad` or `jax.jvp`."""
     if not isinstance(leaf, Tracer):
         return True
     # A tracer of `grad` or `jvp` holds the value at which the derivative is evaluated.

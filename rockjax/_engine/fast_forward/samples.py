@@ -48,7 +48,7 @@ def may_skip_after(scene: Scene, mode: Value, t: Value) -> Flag:
 
 
 def skip_samples(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
-    """Return the state after all samples that can be skipped; the next step needs a trial. Batches call
+    """Return the state after the samples that can be skipped before the next trial step. Batches call
     `skip_sample` instead."""
     if state.may_skip is None:
         return state
