@@ -23,9 +23,8 @@ def _normalise(name: str) -> str:
 
 
 def is_vertical(name: str) -> bool:
-    """Return whether a name means a vertical component. One of three parts must be a name such as `Up`,
-    `U-D`, `UD1`, `VERT.`, `DWN` or `HNZ`: the whole name, its first word, or the part after its last
-    point."""
+    """Return whether a name means a vertical component: whether the whole name, its first word, or the part
+    after its last dot is a word such as `Up`, `U-D`, `UD1`, `VERT.`, `DWN` or `HNZ`."""
     return any(
         _matches_vertical(_normalise(word)) for word in (name, (name.split() or [""])[0], name.split(".")[-1])
     )

@@ -2,8 +2,9 @@
 
 An excitation stays as it is. A `Motion`, which readers return, becomes a `Record`, or a `GroundMotion` if it
 has a vertical component. `Motions`, and lists of motions, become a table of `Records`; lists of pulses of one
-class become a batch of pulses. Anything else raises a `ValueError` that names the argument. For strings,
-paths, arrays, numbers and classes of pulses it also names a call that makes a ground motion.
+class become a batch of pulses. Anything else raises a `ValueError`, whose message names the argument. For
+strings, paths, arrays, numbers and classes of pulses, the message also names a call that makes a ground
+motion.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ AnyMotions = AnyMotion | Sequence[AbstractExcitation | Motion | Motions]
 
 
 class SingleMotions(NamedTuple):
-    """Single motions and their names; `names` is None if a motion has no name."""
+    """Single motions and their names; `names` is None if any of the motions has no name."""
 
     members: Sequence[AbstractExcitation]
     names: list[str] | None
@@ -56,8 +57,8 @@ def as_excitation(owner: str, value, name: str = "excitation") -> AbstractExcita
 
 
 def as_batch(owner: str, value, name: str = "excitations") -> AbstractExcitation:
-    """Return one or several motions as one excitation. Several records become a table, several motions of
-    another class one motion with arrays of parameters. An excitation is returned unchanged."""
+    """Return one or several motions as one excitation. Several records become a table; several motions of
+    another class become one motion with arrays of parameters. An excitation is returned unchanged."""
     if isinstance(value, Motion):
         return value.record()
     return (
@@ -92,8 +93,9 @@ def as_records(owner: str, value, name: str = "records") -> tuple[Records | Reco
 
 
 def as_motions(owner: str, value, name: str = "motion") -> list[Motion]:
-    """Return one or several motions, whose samples are not traced, as a list of `Motion`. Records become
-    motions; a `GroundMotion` contributes only its horizontal component."""
+    """Return one or several motions as a list of `Motion`. Records become motions; of a `GroundMotion`, only
+    the horizontal component is returned. Raises `ValueError` for motions without samples, and for traced
+    samples."""
     if isinstance(value, Motion):
         return [value]
     if isinstance(value, Motions):
@@ -119,7 +121,7 @@ def as_motions(owner: str, value, name: str = "motion") -> list[Motion]:
 
 
 def single_motions(owner: str, value, name: str) -> SingleMotions:
-    """Return all single motions in an argument: one motion, several, or a nested list."""
+    """Return all single motions in an argument: one motion, several motions, or a nested list of motions."""
     if isinstance(value, Motion):
         return SingleMotions([value.record()], [value.name])
     if isinstance(value, Motions):
@@ -197,8 +199,8 @@ def _records_of_table(owner: str, records: Records, name: str) -> list[Record]:
 
 
 def combine_motions(owner: str, members: Sequence[Any], name: str) -> AbstractExcitation:
-    """Return single motions as one batch. Records become a table, pairs of components a pair of batches, and
-    motions of another class one motion with arrays of parameters."""
+    """Return single motions as one batch. Records become a table, pairs of components become a pair of
+    batches, and motions of another class become one motion with arrays of parameters."""
     if all(isinstance(member, Record) for member in members):
         return Records.of(members)
     if all(isinstance(member, GroundMotion) for member in members):

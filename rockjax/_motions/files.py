@@ -37,11 +37,12 @@ def read(
     """Read the ground motion in a file, without plausibility checks.
 
     - `path`: file
-    - `units`: unit of the samples, if the file does not state it
-    - `dt`: sampling interval [s], if the file states neither the interval nor times
-    - `component`: number or name of a channel, if the file has several
+    - `units`: unit of the samples, if the file does not state it; otherwise None, or the same unit
+    - `dt`: sampling interval [s], if the file states neither the interval nor times; otherwise None, or the
+      same interval
+    - `component`: number or name of a channel, if the file has several; otherwise None
 
-    Raises `ValueError` that names the file, the line and the cause.
+    Raises `ValueError` that names the file, the cause and, where possible, the line.
     """
     require_instance("read_motion", "path", path, str | Path, "the path of a file")
     path = Path(path)

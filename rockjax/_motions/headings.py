@@ -50,8 +50,8 @@ class Heading(NamedTuple):
     """The meaning of a heading.
 
     - `text`: the heading as written in the file
-    - `quantity`: the heading without unit and investigation time. Peaks are always spelled like `PGA`, and
-      spectral values like `Sa(1 s)`
+    - `quantity`: the heading without unit and investigation time. Peaks are always spelled `PGA`, `PGV` or
+      `PGD`, and spectral values like `Sa(1 s)`
     - `kind`: `time`, `index`, `acceleration`, `velocity`, `displacement`, `probability`, `rate`, `return
       period`, `ratio`, `counts`; an empty string if neither words nor unit determine the kind
     - `unit`: a key of `rockjax._units.UNITS`; None if the heading has no unit
@@ -102,7 +102,7 @@ def parse_heading(location: str, text: str) -> Heading:
 
 
 def _match_quantity(words: str) -> str:
-    """Return the kind of quantity that words name; an empty string if they name none."""
+    """Return the kind of quantity that words name; an empty string if they name no known kind."""
     normalised = " ".join(words.replace("_", " ").casefold().split())
     return next((kind for kind, pattern in _QUANTITIES if re.search(pattern, normalised)), "")
 
@@ -133,8 +133,9 @@ def _split(location: str, text: str, words: str) -> tuple[str, str | None]:
         unit = unit_of(remainder)
         if unit is None or not quantity:
             continue
-        # What follows a mere blank may be a direction, such as the S in `N S`. It counts as a unit only if it
-        # has a dimension of the quantity, or contains a slash.
+        # A word after a mere blank may be a direction, such as the S in `N S`. It counts as a unit only if
+        # its dimension fits the quantity, or if it contains a slash. After a comma or slash, every unit
+        # counts.
         kind = _match_quantity(quantity)
         fits = UNITS[unit].dimension in _DIMENSIONS.get(kind, {kind})
         if fits or "/" in remainder or match[0].strip(" _in"):

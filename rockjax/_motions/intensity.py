@@ -1,8 +1,8 @@
 """Intensity measures of ground motions.
 
-The measures are exact for motions that are linear between samples. Only the significant duration is not: it
-interpolates the cumulative Arias intensity linearly. Sa is the maximum over all times, whereas the packages
-eqsig and pyRotd take the maximum over the samples.
+The measures are exact for motions that are linear between samples, except the significant duration, for which
+the cumulative Arias intensity is interpolated linearly between samples. Sa is the maximum over all times,
+whereas the packages eqsig and pyRotd take the maximum over the samples.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def spectral_acceleration(motion: Accelerogram, period: float, damping: float = 
 
 
 def spectral_accelerations(motion: Accelerogram, periods: np.ndarray, damping: float) -> np.ndarray:
-    """Return Sa at several periods, shape (n,) [m/s²]."""
+    """Return Sa at several periods [s], shape (n,) [m/s²]; other arguments as for `spectral_acceleration`."""
     if not np.all(np.isfinite(periods) & (periods >= 0)):
         period = float(periods[~(np.isfinite(periods) & (periods >= 0))][0])
         raise ValueError(f"spectral_acceleration: period must be finite and >= 0 s, got period = {period!r}")

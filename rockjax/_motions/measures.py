@@ -25,21 +25,23 @@ def intensity_measures(
 ) -> xarray.Dataset:
     """Return intensity measures of one or several motions, as an `xarray.Dataset` with units.
 
-    - `motion`: a [`rockjax.Motion`][] or [`rockjax.Record`][] gives scalars; everything else, such as
-      [`rockjax.Motions`][] or a list of motions, gives arrays with the dimension `motion`
+    - `motion`: motions with samples. A [`rockjax.Motion`][] or [`rockjax.Record`][] gives scalars;
+      [`rockjax.Motions`][], [`rockjax.Records`][] or a list of motions give arrays with the dimension
+      `motion`. Of a motion with a vertical component, the horizontal component is measured
     - `periods`: periods T of Sa(T), ≥ 0 [s]
     - `damping`: damping ratio of Sa, 0 ≤ ζ < 1 [–]
-    - `podium`: podium for two additional dimensionless measures (Dimitrakopoulos & Paraskeva 2015):
-      `acceleration_ratio` PGA/(g tan α), and `velocity_ratio` p·PGV/(g tan α). A rigid podium lifts only if
-      the acceleration ratio exceeds 1
+    - `podium`: podium for two additional dimensionless measures (Dimitrakopoulos & Paraskeva 2015), or None:
+      `acceleration_ratio` PGA/(g tan α) and `velocity_ratio` p·PGV/(g tan α), with the slenderness α and the
+      frequency parameter p of the podium. A rigid podium lifts only if the acceleration ratio exceeds 1
 
-    Variables: `dt`, `duration` [s], `PGA` [m/s²], `PGV` [m/s], `PGD` [m], `PGV_PGA` [s],
-    `arias_intensity` π/(2g)∫ü_g² dt [m/s], `CAV` ∫|ü_g| dt [m/s], `D5_95` [s], `scale` (scale factor
-    relative to the file), and the pseudo-acceleration `Sa` [m/s²] along `period`. `D5_95` is the time from
-    5 % to 95 % of the Arias intensity, which is interpolated linearly between samples.
+    Variables: `dt`, `duration` [s], `PGA` [m/s²], `PGV` [m/s], `PGD` [m], `PGV_PGA` [s] (NaN for a PGA of
+    zero), `arias_intensity` π/(2g)∫ü_g² dt [m/s], `CAV` ∫|ü_g| dt [m/s], `D5_95` [s], `scale` (scale factor
+    relative to the file) [–], and the pseudo-acceleration `Sa` [m/s²] along `period`. `D5_95` is the time in
+    which the Arias intensity grows from 5 % to 95 % of the final value; between samples, the growth is taken
+    to be linear.
 
-    Raises `ValueError` for periods and damping outside their ranges, and for a podium with arrays of
-    parameters.
+    Raises `ValueError` for motions without samples, for periods and damping outside their ranges, and for a
+    podium with arrays of parameters.
     """
     motions = as_motions("intensity_measures", motion)
     motion_or_list = motions[0] if isinstance(motion, Motion | Record) else motions

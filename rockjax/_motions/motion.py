@@ -43,7 +43,7 @@ class Motion(Accelerogram):
     - `name`: name of the motion
     - `source`: the file from which the motion was read, or None
     - `metadata`: contents of the file header, such as station, component, event, date, unit in the file
-      and filter corners
+      and corner frequencies of filters
     - `vertical`: vertical component of the same ground motion, or None; [`rockjax.Motions.paired`][] sets
       it. Methods that change a motion also change its vertical component. Intensity measures describe the
       horizontal motion
@@ -93,11 +93,11 @@ class Motion(Accelerogram):
     def resampled(self, dt: float) -> Self:
         """Return the motion with the sampling interval `dt` [s], band-limited (`scipy.signal.resample_poly`).
 
-        Frequencies above the lower of the two Nyquist frequencies are filtered out, so that none are
-        aliased; lower frequencies are kept. The straight line through the first and the last sample is not
-        filtered, so that an offset does not ring at the ends. The first sample keeps its time.
+        Frequencies above the Nyquist frequency of the longer of the two sampling intervals are filtered out,
+        so that none are aliased; lower frequencies are kept. The straight line through the first and the last
+        sample is not filtered, so that an offset does not ring at the ends. The first sample keeps its time.
 
-        Raises `ValueError` for dt ≤ 0, for a dt longer than the duration, or if the ratio of the two
+        Raises `ValueError` for dt ≤ 0, for a dt longer than the duration, and if the ratio of the two
         intervals is not a ratio of whole numbers up to 1000.
         """
         dt = require_number("resampled", "dt", dt, lambda v: v > 0, "finite and > 0 s")
@@ -134,7 +134,7 @@ class Motion(Accelerogram):
         The polynomial is zero at the start and equals the velocity at the end, so the corrected motion
         starts and ends at rest. In between, it is fitted to the velocity by least squares.
 
-        Raises `ValueError` for an order that is not a whole number from 1 to 8.
+        Raises `ValueError` for another order.
         """
         if not isinstance(order, int) or isinstance(order, bool) or not 1 <= order <= 8:
             raise ValueError(
@@ -153,11 +153,13 @@ class Motion(Accelerogram):
         return corrected._with_vertical(lambda vertical: vertical.baseline_corrected(order))
 
     def trimmed(self, lower: float = 0.001, upper: float = 0.999) -> Self:
-        """Return the part between the fractions `lower` and `upper` of the Arias intensity [–].
+        """Return the part of the motion in which the Arias intensity grows from the fraction `lower` to the
+        fraction `upper` of its final value [–].
 
-        The result may end with a velocity; [`rockjax.Motion.baseline_corrected`][] removes it. Raises
-        `ValueError` unless 0 ≤ lower < upper ≤ 1, for a motion that is zero throughout, and for a
-        vertical component with another sampling interval.
+        The result may end with a velocity that is not zero; [`rockjax.Motion.baseline_corrected`][] removes
+        it. A vertical component with fewer than two samples in this part is left out. Raises `ValueError`
+        unless 0 ≤ lower < upper ≤ 1, for a motion that is zero throughout, and for a vertical component with
+        another sampling interval.
         """
         for name, value in (("lower", lower), ("upper", upper)):
             require_number("trimmed", name, value, lambda v: 0 <= v <= 1, "in [0, 1], and lower < upper")
@@ -189,9 +191,9 @@ class Motion(Accelerogram):
     def save(self, path: str | Path) -> Path:
         """Write the motion to a file, atomically. The suffix, `.AT2` or `.csv`, determines the format.
 
-        `.AT2` (PEER) contains the acceleration in g with 8 digits, and 0 for samples below 1e-99 g. `.csv`
-        contains the time [s] and the exact acceleration [m/s²]. [`rockjax.read_motion`][] reads both
-        without further arguments.
+        `.AT2` (PEER) contains the acceleration in g with 8 significant digits, and 0 for samples smaller than
+        1e-99 g. `.csv` contains the time [s] and the exact acceleration [m/s²]. [`rockjax.read_motion`][]
+        reads both without further arguments.
 
         Raises `ValueError` for another suffix and for a motion with a vertical component. Raises
         `OSError`, which names the file and the cause, if the file cannot be written.
@@ -259,8 +261,10 @@ class Motion(Accelerogram):
 class Motions(Sequence[Motion]):
     """Several ground motions, of any lengths and sampling intervals: a sequence of [`rockjax.Motion`][].
 
-    An index returns a motion, a slice returns motions. Scale factors are included in the accelerations;
-    `scales` lists them.
+    An index returns a `Motion`, a slice returns `Motions`. The accelerations include the scale factors that
+    `scales` lists.
+
+    - `motions`: the motions
     """
 
     motions: tuple[Motion, ...]
@@ -306,9 +310,11 @@ class Motions(Sequence[Motion]):
     def paired(self) -> Motions:
         """Return the horizontal motions, each with the vertical component of its station and event.
 
-        Stations, events and components are taken from the headers. Without a station in the header, files
-        belong together if their names differ only in the component. Raises `ValueError`, which lists the
-        horizontal motions for which there is no vertical component, or more than one.
+        Stations, events, dates and components are taken from the headers. A motion without a station in the
+        header gets the vertical file whose name, without the component, begins the name of the motion. The
+        sign of a vertical component that points down is changed. Raises `ValueError` if there is no
+        horizontal motion, and if horizontal motions do not have exactly one vertical component; the message
+        lists them.
         """
         return Motions(pair_motions(self.motions))
 
@@ -323,7 +329,8 @@ class Motions(Sequence[Motion]):
         - `period`: period of Sa [s]; None for other measures
         - `damping`: damping ratio of Sa [–]
 
-        Raises `ValueError` for an unknown measure, a value ≤ 0, and a motion that is zero throughout.
+        Raises `ValueError` for an unknown measure, for a value ≤ 0, for Sa without a period, for other
+        measures with a period, and for a motion whose measure is zero.
         """
         require_number("scaled_to", "value", value, lambda v: v > 0, "finite and > 0")
         require_number("scaled_to", "damping", damping, lambda v: 0 <= v < 1, ">= 0 and < 1")

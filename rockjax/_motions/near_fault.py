@@ -46,8 +46,9 @@ def read_pulses(path: str | Path) -> PulseTable:
     """Read a table of Mavroeidis–Papageorgiou pulses.
 
     The file is a CSV with the columns `A` [m/s] or `A_cm_s` [cm/s], `f_p` [Hz], `gamma` [–], `nu` [rad]
-    or `nu_deg` [°], and optionally `name`. Lines that begin with # are comments. Raises `ValueError` for
-    a missing column, for a cell that is not a number, and for parameters outside their ranges.
+    or `nu_deg` [°], and optionally `name` (by default the number of the pulse, from 1). Lines that begin with
+    # are comments. Raises `ValueError` for a missing column, for a cell that is not a finite number, and for
+    parameters outside their ranges.
     """
     path = Path(path)
     lines = [line for line in read_text(path).splitlines() if line.strip()]
@@ -77,7 +78,7 @@ def _number(path: Path, k: int, column: str, row: dict) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise ValueError(f"{path}: pulse {k + 1}: {column} must be a number, got {text!r}")
+        raise ValueError(f"{path}: pulse {k + 1}: {column} must be a finite number, got {text!r}")
     return value
 
 
@@ -87,8 +88,7 @@ class PulseFit:
 
     - `pulse`: the pulse, centred on t = 0
     - `time`: time of the pulse's centre in the record [s]
-    - `share`: share of ∫v² dt of the record that the pulse explains [–]; v is the velocity or, if that is the
-      fitted quantity, the displacement
+    - `share`: share of ∫y² dt of the record that the pulse explains, with the fitted quantity y [–]
     - `quantity`: the fitted quantity, `"velocity"` or `"displacement"`
     """
 
@@ -102,7 +102,7 @@ class PulseFit:
         return _velocity(self.pulse, jnp.asarray(times, float) - self.time)
 
     def residual(self, motion: Motion) -> Motion:
-        """Return the motion minus the pulse."""
+        """Return the motion minus the pulse; a vertical component is kept unchanged."""
         pulse = np.asarray(self.pulse(jnp.asarray(motion.time) - self.time))
         return dataclasses.replace(motion, acceleration=motion.acceleration - pulse)
 
@@ -132,13 +132,14 @@ def fit_pulse(
     - `motion`: a [`rockjax.Motion`][] or [`rockjax.Record`][], which starts at rest
     - `quantity`: the fitted quantity. The displacement gives more weight to long periods, and needs a
       record with a correct displacement
-    - `shortest`, `longest`: range of the initial periods 1/f_p [s]
+    - `shortest`, `longest`: range of the initial periods 1/f_p, 0 < shortest < longest; periods longer than
+      the record are not used [s]
 
-    For 40 initial periods and 5 numbers of oscillations, correlation finds the best time of the pulse in the
-    record. Least-squares fits (Levenberg–Marquardt) start from the four best pulses of different periods.
-    [`rockjax.refit_pulse`][] gives derivatives of the pulse with respect to the samples. Raises
-    `ValueError` for traced samples, for none or several motions, for a motion that is zero throughout, and
-    for invalid periods.
+    For 40 initial periods and 5 numbers of oscillations, correlation with the velocity finds the best time of
+    the pulse in the record. Least-squares fits (Levenberg–Marquardt) start from up to four of these pulses,
+    at whose periods the explained share has the largest local maxima. [`rockjax.refit_pulse`][] gives
+    derivatives of the pulse with respect to the samples. Raises `ValueError` for traced samples, for none or
+    several motions, for a motion that is zero throughout, and for an invalid `quantity` or range of periods.
     """
     owner = "fit_pulse"
     motions = as_motions(owner, motion)
@@ -177,7 +178,7 @@ _refit_stacked = StoredProgram(_refit_leaves)
 
 def _starting_pulses(velocity: np.ndarray, dt: float, frequencies: np.ndarray) -> list[PulseFit]:
     """Return the starting points of the fits: at most four pulses, at whose frequencies the explained share
-    has local maxima.
+    has the largest local maxima.
 
     - `velocity`: velocity of the record, shape (n,) [m/s]
     - `dt`: sampling interval [s]
@@ -196,8 +197,8 @@ def _starting_pulses(velocity: np.ndarray, dt: float, frequencies: np.ndarray) -
 
 
 def _best_pulse(velocity: np.ndarray, dt: float, f_p: float, gamma: float) -> tuple[float, ...]:
-    """Return the best pulse with a frequency and a number of oscillations: the explained part of Σv² [m²/s²],
-    the time of its centre [s], A [m/s], γ [–] and ν [rad].
+    """Return the best pulse with a given frequency and number of oscillations: the explained part of Σv²
+    [m²/s²], the time of the pulse's centre [s], A [m/s], γ [–] and ν [rad].
 
     - `velocity`, `dt`: velocity of the record, shape (n,) [m/s], and its sampling interval [s]
     - `f_p`, `gamma`: frequency [Hz] and number of oscillations γ [–] of the pulse
@@ -208,7 +209,7 @@ def _best_pulse(velocity: np.ndarray, dt: float, f_p: float, gamma: float) -> tu
     phase = 2 * math.pi * f_p * dt * np.arange(-half_count, half_count + 1)
     window = 0.5 * (1 + np.cos(phase / gamma))
     shapes = np.stack([window * np.cos(phase), -window * np.sin(phase)])
-    # The normal equations for a time of the centre are diagonal, as one shape is even and the other odd.
+    # For each time of the centre, the normal equations are diagonal, as one shape is even and the other odd.
     correlations = np.stack([fftconvolve(velocity, shape[::-1], mode="full") for shape in shapes])
     norms = np.maximum(np.sum(shapes**2, axis=1), 1e-300)[:, None]
     explained = np.sum(correlations**2 / norms, axis=0)
@@ -224,13 +225,13 @@ def refit_pulse(
     *,
     quantity: str | None = None,
 ) -> PulseFit:
-    """Refine a pulse by least squares. The result is differentiable with respect to the samples; `jit`
-    and `vmap` work.
+    """Refine a pulse by least squares. The result is differentiable with respect to the samples; the function
+    works under `jit` and `vmap`.
 
-    - `acceleration`: samples of the record, which is linear between them, shape (n,) [m/s²]
+    - `acceleration`: samples of a record that is linear between samples and starts at rest, shape (n,) [m/s²]
     - `dt`: sampling interval [s]
-    - `start`: result of [`rockjax.fit_pulse`][]
-    - `quantity`: the fitted quantity; None for `start.quantity`
+    - `start`: the pulse to refine, such as the result of [`rockjax.fit_pulse`][]
+    - `quantity`: the fitted quantity, `"velocity"` or `"displacement"`; None for `start.quantity`
 
     Derivatives follow from the implicit function theorem at the minimum.
     """

@@ -32,8 +32,8 @@ def describe_record(record: Record) -> dict[str, Any]:
 
 
 def describe_origin(motion: Any) -> tuple[tuple[str, str | float], ...]:
-    """Return attributes with the name of a `Motion`, with its source, scale factor and seed if it has them,
-    and likewise for its vertical component. Empty for other excitations."""
+    """Return attributes with the name of a `Motion`, and with its source, scale factor and seed if it has
+    them; likewise for a vertical component. Empty for other excitations."""
     if not isinstance(motion, Motion):
         return ()
     attributes: dict[str, Any] = {"record_name": motion.name}
@@ -47,11 +47,11 @@ def describe_origin(motion: Any) -> tuple[tuple[str, str | float], ...]:
 
 
 def describe_motions(excitations: Any) -> dict[str, Any]:
-    """Return attributes that describe a record. For several records, the value of each attribute is a list
-    with one element per record. Empty for other excitations.
+    """Return attributes that describe one record or several. For several records, the value of each attribute
+    is a list with one element per record. Empty for other excitations.
 
-    A `Motion` has name, source, number of samples, dt, PGA and checksum; a table of records has only dt, PGA
-    and checksum.
+    The attributes are number of samples, dt, PGA and checksum; for a `Motion`, also those of
+    `describe_origin`; for a table of records, only dt, PGA and checksum.
     """
     if isinstance(excitations, Motion):
         record = excitations.record()
@@ -70,7 +70,7 @@ def describe_motions(excitations: Any) -> dict[str, Any]:
 
 
 def _named_motions(argument: Any) -> list[Motion]:
-    """Return all `Motion` objects in a value, also in nested lists. Only they have a name, and they may have
+    """Return all `Motion` objects in a value, also in nested lists. Other excitations have neither a name nor
     a source."""
     if isinstance(argument, Motion):
         return [argument]
@@ -85,8 +85,8 @@ def record_coords(records: Records | RecordPairs, argument: Any = None) -> dict[
     - `records`: table of the records
     - `argument`: argument from which the table was made, or None
 
-    The coordinates are dt, PGA and checksum of the samples. The source is added if the motions in `argument`
-    give one for every record, and likewise the seed.
+    The coordinates are dt, PGA and checksum of the samples. If the motions in `argument` have a source for
+    every record, the source is added; likewise the seed.
     """
     table = records.horizontal if isinstance(records, GroundMotion) else records
     assert isinstance(table, Records)

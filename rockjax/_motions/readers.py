@@ -24,12 +24,12 @@ def read_motion(
 ) -> Motion:
     """Read the ground motion in a file, with the contents of the file header.
 
-    The suffix or the first lines determine the format: PEER's `.AT2`; volume 2 of CSMIP, of COSMOS and of
-    GeoNet (`.V2`, `.V2c`, `.V2A`); SMC; ESM, ITACA and AFAD (`KEY: value`), AFAD's older text; K-NET and
-    KiK-net (`.NS`, `.EW`, `.UD`, `.NS1` …); text with one column, or with times and accelerations; NumPy's
-    `.npy`; and miniSEED, SAC and GSE2 with ObsPy, which the extra `rockjax[records]` installs. Text may have
-    comments (`#`, `%`, `!`) and headings such as `time [ms],Acc (cm/s2)`; blanks, commas, semicolons or tabs
-    separate its columns.
+    The suffix or the first lines determine the format: PEER's `.AT2`; volume 2 (corrected data) of CSMIP,
+    COSMOS and GeoNet (`.V2`, `.V2c`, `.V2A`); SMC; ESM, ITACA and AFAD (`KEY: value`), AFAD's older text;
+    K-NET and KiK-net (`.NS`, `.EW`, `.UD`, `.NS1` …); text with one column, or with times and accelerations;
+    NumPy's `.npy`; and miniSEED, SAC and GSE2 with ObsPy, which the extra `rockjax[records]` installs. Text
+    may have comments (`#`, `%`, `!`) and headings such as `time [ms],Acc (cm/s2)`; blanks, commas, semicolons
+    or tabs separate its columns.
 
     - `path`: file to read
     - `units`: `"g"`, `"m/s2"`, `"cm/s2"`, `"gal"` or `"mm/s2"`; required if the file does not state its unit
@@ -37,9 +37,9 @@ def read_motion(
     - `component`: number or name of a channel, such as `1`, `"Up"` or `"HNE"`, if the file has several.
       Any usual name of the vertical component selects the vertical channel
 
-    Raises `ValueError`, with the file, the line and the cause, for a file that cannot be read as a ground
-    motion, for headings that are unknown or contradict `units` or `dt`, and for gaps. If a channel must
-    be chosen, the message lists the channels.
+    Raises `ValueError` for a file that cannot be read as a ground motion, for headings that are unknown or
+    contradict `units` or `dt`, and for gaps. The message names the file, the cause and, where possible, the
+    line. If a channel must be chosen, the message lists the channels.
 
     Warns ([`rockjax.RecordWarning`][]) if the file is damaged, if its data are raw, or if the values look
     wrong: a PGA outside 1e-4 g to 3 g (with `units="m/s2"`, outside 0.05 g to 3 g), a sampling interval
@@ -61,14 +61,15 @@ def read_suite(
 ) -> Motions:
     """Read the ground motions in a folder, or in a table of files.
 
-    - `path`: a folder, or a table. All files of a folder are read in the order of their names; if the folder
-      contains a `suite.csv`, this table is read instead. A table is a `.csv` with a row of headings:
-      `file` (relative to the table) and, optionally, `name`, `scale`, `units`, `dt` and `component`.
-      Empty cells count as missing, and other columns become metadata
+    - `path`: a folder, or a table. All files of a folder, except hidden ones, are read in the order of their
+      names; if the folder contains a `suite.csv`, this table is read instead. A table is a `.csv` with a row
+      of headings: `file` (relative to the table) and, optionally, `name`, `scale`, `units`, `dt` and
+      `component`. Empty cells count as missing, and other columns become metadata
     - `units`, `dt`, `component`: as in [`rockjax.read_motion`][], for all files; cells of the table have
       priority
     - `scale`: factor on all motions [–], multiplied by the column `scale` of the table
-    - `pattern`: read only the files of a folder whose names match, such as `"*.AT2"`, and ignore `suite.csv`
+    - `pattern`: pattern such as `"*.AT2"`; only files of the folder whose names match are read, and
+      `suite.csv` is ignored. None for all files
 
     Raises `ValueError`, which lists all files that cannot be read, each with the cause.
     """
@@ -99,13 +100,13 @@ def read_suite(
                 advises_pattern=pattern is None,
             )
     elif pattern is not None:
-        raise ValueError(f"{path}: pattern applies to folders, but this is a file; leave pattern out")
+        raise ValueError(f"{path}: pattern applies to folders, but this is not a folder; leave pattern out")
     return _read_all(path, _read_table(path), units, dt, scale, component, advises_pattern=False)
 
 
 def is_table(path: Path) -> bool:
-    """Return whether a file is a `.csv` with a heading `file` in its first line: a table of files, not a
-    motion."""
+    """Return whether a file is a table of files, not a motion: a `.csv` with the heading `file` in the first
+    line."""
     try:
         if path.suffix.lower() != ".csv":
             return False
@@ -117,7 +118,8 @@ def is_table(path: Path) -> bool:
 
 
 def _read_table(path: Path) -> list[tuple[str, dict[str, str]]]:
-    """Return each row of a table of files: location `file:line`, for messages, and the non-empty cells."""
+    """Return each row of a table of files: the location (path and line), for messages, and the non-empty
+    cells by heading."""
     reader = csv.reader(io.StringIO(read_text(path), newline=""))
     try:
         rows = [
@@ -146,7 +148,7 @@ def _read_table(path: Path) -> list[tuple[str, dict[str, str]]]:
             )
         row = {name: cell for name, cell in zip(names, cells, strict=False) if cell}
         if "file" not in row:
-            raise ValueError(f"{path}:{line}: file is missing")
+            raise ValueError(f"{path}:{line}: the cell of the column 'file' is empty")
         for name in ("scale", "dt"):
             _parse_cell(f"{path}:{line}", row, name)
         row["file"] = str(path.parent / row["file"])
@@ -155,8 +157,8 @@ def _read_table(path: Path) -> list[tuple[str, dict[str, str]]]:
 
 
 def _parse_cell(location: str, row: dict[str, str], name: str) -> float | None:
-    """Return the number in a cell; None for an empty cell. Raises `ValueError` for anything but a finite
-    number."""
+    """Return the number in the cell of the column `name`; None for an empty cell. Raises `ValueError` for
+    other text than a finite number."""
     try:
         value = float(row[name]) if name in row else None
     except ValueError:

@@ -1,4 +1,4 @@
-"""Sampled ground motions."""
+"""Sampled ground motions as excitations of scenes."""
 
 from __future__ import annotations
 
@@ -35,16 +35,17 @@ from .accelerogram import warn_if_implausible
 
 
 class Record(AbstractSampled):
-    """A sampled ground motion, linear between samples. It is zero before the first and after the last
-    sample, and may jump there.
+    """A sampled ground motion, linear between samples.
+
+    The motion is zero before the first and after the last sample, and may jump at these samples.
 
     - `acceleration`: samples of ü_g, shape (n,), n ≥ 2 [m/s²]
     - `dt`: sampling interval, > 0 [s]
     - `scale`: factor on the samples [–]
     - `t_start`: time of the first sample [s]
 
-    Raises `ValueError` for fewer than two samples, for samples that are not finite, and for gaps: masked
-    samples, and values such as -999 or 999999 that stand for missing samples.
+    Raises `ValueError` for dt ≤ 0, for fewer than two samples, for values that are not finite, and for gaps:
+    masked samples, and values such as -999 or 999999 that stand for missing samples.
     """
 
     acceleration: Float[Array, "*batch n"] = eqx.field(converter=as_number("Record: acceleration"))
@@ -79,10 +80,10 @@ class Record(AbstractSampled):
           its unit
         - `dt`: sampling interval [s]; required if the file contains neither the interval nor times
         - `scale`: factor on the samples [–]
-        - `component`: number or name of a channel, if the file has several
+        - `component`: number or name of a channel, if the file has several; otherwise None
 
-        Formats, errors and warnings are the same as in [`rockjax.read_motion`][], which also returns the
-        contents of the header.
+        Formats, errors and warnings are the same as in [`rockjax.read_motion`][]; only the latter also
+        returns the contents of the header.
         """
         # Imported on first use, because `files` imports the readers of all formats.
         from .files import read
@@ -121,8 +122,8 @@ class Record(AbstractSampled):
         return {"acceleration": 1}
 
     def common_form(self) -> PaddedRecord:
-        """Return the record padded to one of a few sizes. The sizes for batches are closer together, to
-        save memory."""
+        """Return the record padded to one of a few sizes. For batches, the possible sizes are closer
+        together, to save memory."""
         samples = self.acceleration
         count, sizes = samples.shape[-1], RECORD_SIZES if samples.ndim == 1 else TABLE_SIZES
         return PaddedRecord(

@@ -45,7 +45,8 @@ class Records(AbstractSampled):
     - `intervals`: sampling intervals, shape (k,) [s]
     - `starts`: times of the first samples, shape (k,) [s]
     - `which`: indices of the selected rows, with the shape of the batch
-    - `scale`: factor on the samples [–]
+    - `scale`: factor on the samples of each selected row, a scalar or an array that broadcasts to the batch
+      [–]
     """
 
     acceleration: Float[Array, "k n"]
@@ -62,8 +63,8 @@ class Records(AbstractSampled):
 
     @classmethod
     def of(cls, records: Sequence[Record | Motion]) -> Self:
-        """Return a batch of single records, with their scales multiplied into the samples. Raises
-        `ValueError` for an empty sequence, and for elements that are batches."""
+        """Return a batch of single records; the samples in the table include the scales of the records.
+        Raises `ValueError` for an empty sequence, for elements of other types, and for batches."""
         if isinstance(records, Record | Motion | str) or not isinstance(records, Iterable):
             raise ValueError(
                 "Records: records must be a list of rockjax.Record, or rockjax.Motions, got "
@@ -100,8 +101,8 @@ class Records(AbstractSampled):
         )
 
     def pick(self, which: Int[ArrayLike, "*batch"]) -> Self:
-        """Return the records with the indices `which`, unscaled, as a batch of the same shape. Raises
-        `ValueError` for indices that are not whole numbers, or, unless they are traced, out of range."""
+        """Return the records with the indices `which`, with the scale 1, as a batch of the shape of `which`.
+        Raises `ValueError` for indices that are not whole numbers, and for concrete indices out of range."""
         which = which if isinstance(which, jax.Array) else np.asarray(which)
         indices, is_integer = concrete(which), np.issubdtype(which.dtype, np.integer)
         if not is_integer or (indices is not None and not np.all((indices >= 0) & (indices < len(self)))):
@@ -151,8 +152,8 @@ class Records(AbstractSampled):
         return numpy.where(is_sample, numpy.abs(self.acceleration), 0.0)
 
     def pick_scaled(self, which, scale) -> Self:
-        """Return the records with the indices `which`, scaled. The arguments are neither checked nor
-        converted, so that NumPy arrays stay NumPy arrays."""
+        """Return the records with the indices `which` and the factors `scale` on the samples. The arguments
+        are neither checked nor converted, so NumPy arrays stay NumPy arrays."""
         return dataclasses.replace(self, which=which, scale=scale)
 
     def common_form(self) -> Self:
@@ -175,7 +176,7 @@ class Records(AbstractSampled):
 
 class RecordPairs(GroundMotion):
     """A batch of record pairs: the same rows of a table of horizontal records and of a table of vertical
-    records. `magnitudes` refers to the horizontal records."""
+    records. `which`, `scale` and `magnitudes` are those of the horizontal records."""
 
     @classmethod
     def of(cls, pairs: Sequence[GroundMotion]) -> Self:
@@ -201,11 +202,11 @@ class RecordPairs(GroundMotion):
         return cast(Records, self.horizontal)
 
     def pick(self, which: Int[ArrayLike, "*batch"]) -> Self:
-        """Return the pairs with the indices `which`, unscaled."""
+        """Return the pairs with the indices `which`, with the scale 1."""
         return self._map_components(lambda records: records.pick(which))
 
     def pick_scaled(self, which, scale) -> Self:
-        """Return the pairs with the indices `which`, scaled, as `Records.pick_scaled` does."""
+        """Return the pairs with the indices `which` and the factors `scale`, like `Records.pick_scaled`."""
         return self._map_components(lambda records: records.pick_scaled(which, scale))
 
     def _map_components(self, change: Callable[[Records], Records]) -> Self:

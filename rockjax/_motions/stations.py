@@ -15,7 +15,7 @@ M = TypeVar("M", bound=Accelerogram)
 
 
 def pair_motions(motions: Sequence[M]) -> tuple[M, ...]:
-    """Return the horizontal motions in their order, each with its vertical component, as
+    """Return the horizontal motions in their order, each with the vertical component, as
     [`rockjax.Motions.paired`][] describes."""
     vertical: dict[tuple, list[M]] = defaultdict(list)
     horizontal: list[M] = []
@@ -62,8 +62,8 @@ def _station_key(motion: Accelerogram) -> tuple[str, ...]:
 
 
 def _match_name(motion: M, vertical: dict[tuple, list[M]]) -> list[M]:
-    """Return the vertical motions whose stem (name without component) is the start of the motion's name. Only
-    the longest such stems count. Return none if the header of the motion states a station."""
+    """Return the vertical motions whose stem (name without the component) begins the name of a motion; only
+    those with the longest such stem. Empty if the header of the motion states a station."""
     if motion.metadata.get("station"):
         return []
     stems = [(split_name(other.name)[0], other) for others in vertical.values() for other in others]
@@ -73,8 +73,8 @@ def _match_name(motion: M, vertical: dict[tuple, list[M]]) -> list[M]:
 
 
 def _match_depth(motion: M, others: list[M]) -> list[M]:
-    """Return the station's vertical motions at the depth of a motion, such as UD1 for EW1; all of them if
-    no depth matches."""
+    """Return those of the vertical motions `others` of a station that are at the depth of a motion, such as
+    UD1 for EW1; all of `others` if no depth matches."""
     if len(others) < 2:
         return others
 
@@ -86,7 +86,7 @@ def _match_depth(motion: M, others: list[M]) -> list[M]:
 
 
 def _orient_upwards(motion: M) -> M:
-    """Return the motion with upwards positive: change the sign if the component points down."""
+    """Return a vertical motion that is positive upwards: change the sign if the component points down."""
     if not points_down(_component(motion) or split_name(motion.name)[1]):
         return motion
     return dataclasses.replace(motion, acceleration=-motion.acceleration)

@@ -6,8 +6,9 @@ The noise has the spectral density
 
     S(ω)/S_0 = (1 + 4ζ_g² r²)/((1 − r²)² + 4ζ_g² r²) · s⁴/((1 − s²)² + 4ζ_f² s²),  r = ω/ω_g, s = ω/ω_f.
 
-The envelope of Saragoni & Hart (1974), in the form of Boore (1983), has its maximum 1 at ε t_n and the
-value η at the end t_n. The pulse follows Mavroeidis & Papageorgiou (2003).
+The envelope of Saragoni & Hart (1974), in the form of Boore (1983), has its maximum 1 at the time ε t_n and
+the value η at the end t_n; here, a taper then brings the end to zero. The pulse follows Mavroeidis &
+Papageorgiou (2003).
 """
 
 from __future__ import annotations
@@ -67,8 +68,9 @@ def envelope(t: np.ndarray, duration: float, peak: float, end: float) -> np.ndar
 
 
 def _normal(seed: int, k: int, count: int) -> np.ndarray:
-    """Return `count` standard normal numbers for motion k, by the method of Box & Muller from bits of PCG64.
-    Unlike the distributions of a `Generator`, these bits are the same in every version of NumPy."""
+    """Return `count` standard normal numbers for motion k, by the method of Box & Muller from bits of the
+    generator PCG64. Unlike the numbers of `Generator.standard_normal`, these bits are the same in every
+    version of NumPy."""
     bits = np.random.PCG64(np.random.SeedSequence([seed, k])).random_raw(2 * count)
     u, v = ((bits >> np.uint64(11)).astype(float) + 0.5).reshape(2, count) * 2.0**-53
     return np.sqrt(-2 * np.log(u)) * np.cos(2 * math.pi * v)
@@ -77,7 +79,7 @@ def _normal(seed: int, k: int, count: int) -> np.ndarray:
 def _noise(seed: int, k: int, count: int, dt: float, soil: Soil) -> np.ndarray:
     """Return stationary noise with the soil's spectral density, shape (count,).
 
-    The noise is computed at twice the length, because an FFT filter is periodic.
+    Noise of twice the length is computed and cut, because the result of an FFT filter is periodic.
 
     - `seed`, `k`: seed, and index of the motion
     - `count`, `dt`: number of samples, and sampling interval [s]
@@ -89,10 +91,10 @@ def _noise(seed: int, k: int, count: int, dt: float, soil: Soil) -> np.ndarray:
 
 
 def _end_at_rest(acceleration: np.ndarray, dt: float, weight: np.ndarray, at_origin: bool) -> np.ndarray:
-    """Return the acceleration of a motion that ends at rest.
+    """Return an acceleration, corrected so that the motion ends at rest.
 
-    `weight` times a constant is subtracted, so that the velocity ends at zero; with `at_origin`, `weight`
-    times a straight line, so that the displacement also ends at zero.
+    `weight` times a constant is subtracted, so that the velocity ends at zero. With `at_origin`, `weight`
+    times a straight line is subtracted instead, so that the displacement also ends at zero.
 
     - `acceleration`, `dt`: samples, shape (n,) [m/s²], and sampling interval [s]
     - `weight`: shape of the correction, (n,) [–]
@@ -131,19 +133,21 @@ def synthetic_motions(
     - `count`: number of motions, ≥ 1. Motion k depends only on `seed` and k, so a larger count starts
       with the same motions
     - `seed`: whole number ≥ 0; equal seeds give equal motions, up to rounding, with every version of NumPy
-    - `dt`: sampling interval [s]
-    - `duration`: duration [s], at least 50 dt
+    - `dt`: sampling interval, > 0 [s]
+    - `duration`: duration, at least 49 dt (50 samples) [s]
     - `pga`: peak of the noise, without the pulse, > 0 [m/s²]
-    - `pulse`: a [`rockjax.MavroeidisPapageorgiou`][] for all motions, or a list with one for each. It is
-      centred on the peak of the envelope, or as near to it as the duration permits. Mavroeidis &
-      Papageorgiou (2003) find A about 1 m/s close to the fault and log10(1/f_p) = 0.5 M_w − 2.9 for the
-      moment magnitude M_w
-    - `omega_g`, `zeta_g`: frequency [rad/s] and damping ratio [–] of the soil (Kanai 1957, Tajimi 1960);
+    - `pulse`: a [`rockjax.MavroeidisPapageorgiou`][] for all motions, or a list with a pulse or None for each
+      motion; None for no pulse. A pulse is centred on the peak of the envelope, or as near to this peak as
+      the duration permits. Mavroeidis & Papageorgiou (2003) find A about 1 m/s close to the fault and
+      log10(1/f_p) = 0.5 M_w − 2.9 for the moment magnitude M_w
+    - `omega_g`, `zeta_g`: frequency [rad/s] and damping ratio [–] of the soil, > 0 (Kanai 1957, Tajimi 1960);
       15 and 0.6 for firm soil
-    - `omega_f`, `zeta_f`: frequency [rad/s] and damping ratio [–] of the high-pass filter (Clough &
+    - `omega_f`, `zeta_f`: frequency [rad/s] and damping ratio [–] of the high-pass filter, > 0 (Clough &
       Penzien 1993)
-    - `envelope_peak`: time at which the envelope (Saragoni & Hart 1974) is 1, divided by the duration [–]
-    - `envelope_end`: value of the envelope at the end [–]
+    - `envelope_peak`: time at which the envelope (Saragoni & Hart 1974) is 1, divided by the duration; > 0
+      and < 1 [–]
+    - `envelope_end`: value of the envelope at the end, > 0 and < 1 [–]. A taper reduces the envelope to zero
+      in the last 5 % of the duration
 
     Velocity and displacement of the noise are zero at the start and at the end, because the envelope times
     a straight line is subtracted. The pulse ends with zero velocity, but its phase may leave a
@@ -163,7 +167,8 @@ def synthetic_motions(
     samples = round(duration / dt) + 1
     if samples < 50:
         raise ValueError(
-            f"synthetic_motions: duration must be at least 50 dt, got {duration:g} s and dt = {dt:g} s"
+            f"synthetic_motions: duration must be at least 49 dt (50 samples), got {duration:g} s and dt = "
+            f"{dt:g} s"
         )
     # Memory of the noise and of its filtered copies.
     require_memory(owner, count, 3 * 8 * samples, noun="motions", advice="request fewer or shorter motions")

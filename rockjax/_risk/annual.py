@@ -77,16 +77,18 @@ def annual_frequency(curve: Lognormal | xarray.Dataset, hazard: Hazard) -> Annua
 
     - `curve`: a [`rockjax.Lognormal`][] in the units of the hazard; or a dataset of [`rockjax.fragility`][],
       [`rockjax.read_fragility_model`][], [`rockjax.contents_fragility`][] or
-      [`rockjax.incremental_dynamic_analysis`][]. Limits of a fragility model are applied. Of the curves of
-      contents, one must be selected by `contents` and `damage_state`. The shares of overturned records in an
-      analysis are interpolated linearly between the levels, so that survival windows count
+      [`rockjax.incremental_dynamic_analysis`][]. Limits of a fragility model are applied. A fragility of
+      contents must be reduced to one curve: `data.sel(contents=…, damage_state=…)`. Of an analysis, the share
+      of overturned records is interpolated linearly between the levels, even where it decreases with the
+      level
     - `hazard`: a [`rockjax.Hazard`][] of the same intensity measure, in the same units
 
     The integral is evaluated in closed form on every segment of the hazard curve. For a `Lognormal` the
     function works under `jit` and `grad`, with respect to median, dispersion and the points of the hazard.
 
-    Raises `ValueError` if the measure or the units of `curve` and `hazard` differ, if median or dispersion is
-    not > 0, and if any record of an incremental dynamic analysis overturns at its lowest level.
+    Raises `ValueError` for another type of `curve` or `hazard`, if their measures or units differ, and if
+    median or dispersion is not finite and > 0. An incremental dynamic analysis must have at least two levels,
+    and no record may overturn at the lowest level.
     """
     owner = "annual_frequency"
     if not isinstance(hazard, Hazard):
@@ -99,7 +101,8 @@ def annual_frequency(curve: Lognormal | xarray.Dataset, hazard: Hazard) -> Annua
     if not is_curve and kind != "incremental-dynamic-analysis":
         raise ValueError(
             f"{owner}: curve must be a rockjax.Lognormal, or a dataset of rockjax.fragility, "
-            "rockjax.incremental_dynamic_analysis or one curve of rockjax.contents_fragility, got "
+            "rockjax.read_fragility_model or rockjax.incremental_dynamic_analysis, or one curve of "
+            "rockjax.contents_fragility (select it by contents and damage_state), got "
             f"{type(curve).__name__}"
         )
     intensity: xarray.DataArray = curve["median_capacity"] if is_curve else curve["intensity"]
@@ -133,10 +136,10 @@ def _check_measure(owner: str, measure: str, units: str, hazard: Hazard) -> None
 
 
 def read_limits(curve: xarray.Dataset) -> integral.Limits:
-    """Return the limits of a fragility curve, as OpenQuake's engine applies them.
+    """Return the limits of the dataset of a fragility curve, as OpenQuake's engine applies them.
 
-    Intensities are first clipped to the range from `min_intensity` to `max_intensity`; then P = 0 up to
-    `no_damage_limit`, which has no effect if `min_intensity` is larger.
+    The engine first clips intensities to the range from `min_intensity` to `max_intensity`, and then sets
+    P = 0 up to `no_damage_limit`. The latter has no effect if `min_intensity` is larger.
     """
     no_damage, lowest, highest = (
         float(curve[name]) if name in curve else None
@@ -153,8 +156,8 @@ def _limited_probability(
 ) -> np.ndarray:
     """Return the probability P of a fragility curve, shape (n,), with limits applied.
 
-    A limit may hold P constant at low intensities. Then P is 0 at intensities below both this limit and the
-    first point of the hazard curve.
+    Below the limit `constant_below`, P is constant, except that P is 0 at intensities below both this limit
+    and the first point of the hazard curve.
 
     - `curve`, `limits`: the fragility curve and its limits
     - `x`: intensities, shape (n,); `first`: first intensity of the hazard curve
@@ -231,13 +234,17 @@ def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -
 
     The contribution is the density F(x) |dλ/d ln x| divided by the frequency. Its integral over ln x is 1.
 
-    - `curve`, `hazard`: as for [`rockjax.annual_frequency`][], but the curve must be lognormal
-    - `at`: intensities (n,), > 0; by default 400 values, from a thousandth of the smaller of the median and
-      the first point of the hazard, to ten times the larger of the median and the last point
+    - `curve`: a [`rockjax.Lognormal`][], or a dataset of [`rockjax.fragility`][] or
+      [`rockjax.read_fragility_model`][]
+    - `hazard`: a [`rockjax.Hazard`][] of the same intensity measure, in the same units
+    - `at`: intensities, > 0, shape (n,); None for 400 values from min(m, x₁)/1000 to 10 max(m, x_n), with the
+      median m and the first and last intensities x₁ and x_n of the hazard curve
 
-    Returns a dataset over `intensity` with `density` [–], which jumps where the slope of the hazard curve
-    jumps, `hazard` [1/year] and `fragility` [–]. `given` holds the rates at the points of the hazard curve,
-    over `point`.
+    Returns a dataset over `intensity` with the rate `hazard` [1/year], the probability `fragility` [–] and
+    the contribution `density` [–], which jumps at points of the hazard curve. `given` holds the rates at the
+    points of the hazard curve, over `point`.
+
+    Raises `ValueError` for intensities that are not finite and > 0, and as `annual_frequency` does.
     """
     import xarray
 
@@ -245,7 +252,8 @@ def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -
     if not isinstance(curve, Lognormal):
         if curve.attrs["kind"] != "fragility":
             raise ValueError(
-                "disaggregation: curve must be lognormal; fit the analysis with rockjax.fragility first"
+                "disaggregation: curve must be a rockjax.Lognormal, or a dataset of rockjax.fragility or "
+                "rockjax.read_fragility_model; rockjax.fragility fits one to an incremental dynamic analysis"
             )
         limits = read_limits(curve)
         curve = Lognormal(*(jnp.asarray(float(curve[y])) for y in ("median_capacity", "dispersion")))

@@ -24,14 +24,14 @@ if TYPE_CHECKING:
     import xarray
 
 NRML = "http://openquake.org/xmlns/nrml/0.5"
-MIN_IML = "1e-10"  # minIML written for a curve without a lower limit, as in OpenQuake
+MIN_IML = "1e-10"  # minIML written for a curve that has none [unit of the file]
 # A curve with median m and dispersion β, but without an upper limit, gets maxIML = m e^(7β), where
 # 1 − P = 1e-12.
 MAX_DEVIATIONS = 7.0
 
 
 def read_hazard(path: str | Path, site: int | None) -> dict[str, Any]:
-    """Return the arguments of `Hazard` from a file; `site` is the row of an OpenQuake file, or None."""
+    """Return the arguments of `Hazard` from a file; `site`: row of an OpenQuake file, from 0, or None."""
     lines = read_text(path).splitlines()
     rows = [_Row.parse(number, line, _delimiter(lines)) for number, line in enumerate(lines, 1)]
     rows = [row for row in rows if any(row.cells)]
@@ -43,8 +43,8 @@ def read_hazard(path: str | Path, site: int | None) -> dict[str, Any]:
         return _read_openquake(path, rows, comments, site)
     if site is not None:
         raise ValueError(
-            f"{path}: site applies only to OpenQuake's files of several sites, but this file has one curve; "
-            "leave it out"
+            f"{path}: site applies only to hazard-curve files of OpenQuake; this file has another format, so "
+            "leave site out"
         )
     return _read_two_columns(path, rows, comments)
 
@@ -75,7 +75,8 @@ class _Row(NamedTuple):
         return any(_as_number(cell) is not None for cell in self.cells)
 
     def number(self, path: str | Path, column: int) -> float:
-        """Return the number in a column. Raises `ValueError`, which names file, line and text."""
+        """Return the number in the column with this index. Raises `ValueError`, which names file, line and
+        text."""
         cell = self.cells[column] if column < len(self.cells) else ""
         number = _as_number(cell)
         if number is None:
@@ -132,8 +133,8 @@ def _uncommented(row: _Row) -> list[str]:
 def _headings(lines: list[list[str]], rows: list[_Row]) -> list[str]:
     """Return the headings of a table, from its heading lines and all its rows.
 
-    Heading lines after the first contain units. A heading with a comma in its text was split there; the parts
-    are joined again.
+    Heading lines after the first contain units. A heading that contains a comma was split at the comma; its
+    parts are joined again.
     """
     cells = [cell.strip() for cell in lines[0]] if lines else []
     for line in lines[1:]:
@@ -173,11 +174,12 @@ def _investigation_years(comments: list[_Row]) -> float | None:
 def _annual_rates(
     path: str | Path, heading: Heading, table: np.ndarray, years: float | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return intensities and annual rates (n,), in the unit of the intensities and [1/year].
+    """Return the intensities, in the unit of the table, and their annual rates [1/year]; at most n of each.
 
     - `path`: path of the file, for messages
-    - `heading`: heading of the second column; `table`: the numbers, shape (n, 2)
-    - `years`: investigation time of probabilities whose heading has none; None if it is unknown
+    - `heading`: heading of the rates, return periods or probabilities
+    - `table`: intensities in the first column, and these numbers in the second, shape (n, 2)
+    - `years`: investigation time of probabilities whose heading does not state it [years]; None if unknown
     """
     quoted = f"{path}: heading {heading.text.strip()!r}"
     x, values = table[:, 0], table[:, 1] * (UNITS["%"].factor if heading.unit == "%" else 1.0)
@@ -202,10 +204,10 @@ def _annual_rates(
 def _rates_of_probabilities(
     owner: str, x: np.ndarray, poe: np.ndarray, years: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return intensities and their annual rates −ln(1 − p)/t.
+    """Return intensities and their annual rates −ln(1 − p)/t [1/year], without points with p = 0 or 1.
 
     - `owner`: source of the values, for error messages
-    - `x`: intensities (n,); `poe`: probabilities of exceedance p in t = `years` (n,)
+    - `x`: intensities (n,); `poe`: probabilities of exceedance p in the time t (n,); `years`: t [years]
     """
     if not (np.isfinite(years) and years > 0):
         raise ValueError(f"{owner}: the investigation time must be > 0 years, got {years:g}")
@@ -217,7 +219,8 @@ def _rates_of_probabilities(
     is_usable = (poe > 0) & (poe < 1)
     if is_usable.sum() < 2:
         raise ValueError(
-            f"{owner}: at least two probabilities must be between 0 and 1, got {int(is_usable.sum())}"
+            f"{owner}: a curve needs at least two probabilities > 0 and < 1, but this one has "
+            f"{int(is_usable.sum())}"
         )
     return x[is_usable], -np.log1p(-poe[is_usable]) / years
 
@@ -235,6 +238,8 @@ def _read_openquake(
             "files"
         )
     curves = rows[1:]
+    if not curves:
+        raise ValueError(f"{path}: the file has headings, but no curve below them")
     if len(curves) > 1 and site is None:
         raise ValueError(
             f"{path}: the file has the curves of {len(curves)} sites; choose one by site = 0 … "
@@ -243,8 +248,10 @@ def _read_openquake(
     if not 0 <= (site or 0) < len(curves):
         raise ValueError(f"{path}: site must be in 0 … {len(curves) - 1}, got {site!r}")
     # Some versions write the type of a column after a colon.
-    levels = [rows[0].cells[k].removeprefix("poe-").split(":")[0] for k in columns]
-    x = np.array([rows[0]._replace(cells=levels).number(path, k) for k in range(len(levels))])
+    levels = [cell.removeprefix("poe-").split(":")[0] for cell in rows[0].cells]
+    # The row of headings with intensities as cells, so that an error names the line and column of the file.
+    heading_row = rows[0]._replace(cells=levels)
+    x = np.array([heading_row.number(path, k) for k in columns])
     poe = np.array([curves[site or 0].number(path, k) for k in columns])
     x, rates = _rates_of_probabilities(str(path), x, poe, years)
     measure, unit = _measure(path, imt[1])
@@ -286,13 +293,14 @@ def write_fragility_model(
 
     - `path`: file to write
     - `fragilities`: one or more datasets of [`rockjax.fragility`][] or [`rockjax.read_fragility_model`][]
-    - `names`: names of the structures, by default `structure-1` …
+    - `names`: names of the structures, one for each dataset; None for `structure-1` …
 
     NRML contains the mean and the standard deviation of the intensity itself, in g (PGA, Sa) or cm/s (PGV).
-    For the median m and the dispersion β, `mean` = m e^(β²/2) and `stddev` = mean √(e^(β²) − 1). Limits that
-    a curve has from a file are written unchanged. OpenQuake requires minIML and maxIML. A curve without these
-    limits gets 1e-10 and m e^(7β), where 1 − P is 1e-12. Returns the path. Raises `ValueError` for measures
-    that OpenQuake does not support.
+    For the median m and the dispersion β, `mean` = m e^(β²/2) and `stddev` = mean √(e^(β²) − 1). Limits of a
+    curve that was read from a file are written unchanged. OpenQuake requires minIML and maxIML. A curve
+    without minIML gets 1e-10, a curve without maxIML gets m e^(7β), where 1 − P is 1e-12. Returns the path.
+    Raises `ValueError` for other datasets, for measures other than PGA, PGV and Sa(T s), and unless there is
+    one name for each dataset.
     """
     curves = list(fragilities) if isinstance(fragilities, Sequence) else [fragilities]
     names = [f"structure-{k}" for k in range(1, len(curves) + 1)] if names is None else list(names)
@@ -311,7 +319,10 @@ def write_fragility_model(
     ET.SubElement(model, f"{{{NRML}}}limitStates").text = "overturning"
     for name, curve in zip(names, curves, strict=True):
         if curve.attrs.get("kind") != "fragility":
-            raise ValueError(f"write_fragility_model: {name} must come from rockjax.fragility")
+            raise ValueError(
+                f"write_fragility_model: the curve of {name} must be a dataset of rockjax.fragility or "
+                "rockjax.read_fragility_model"
+            )
         imt, factor = _imt(curve.attrs["measure"])
         median, dispersion = float(curve["median_capacity"]) / factor, float(curve["dispersion"])
         mean = median * math.exp(0.5 * dispersion**2)
@@ -334,11 +345,12 @@ def read_fragility_model(path: str | Path) -> dict[str, xarray.Dataset]:
 
     Returns structure → dataset, or `structure/limit state` → dataset for structures with several limit
     states. A dataset has `median_capacity` and `dispersion`, and can be the `curve` of
-    [`rockjax.annual_frequency`][]. The dataset also has the limits in the file. Up to `no_damage_limit`,
-    P = 0. Below `min_intensity` (minIML) and above `max_intensity` (maxIML), P has its value at the limit. As
-    in OpenQuake, a limit of 0 means no limit, and intensities are clipped to the range from minIML to maxIML
-    before `no_damage_limit` applies. Raises `ValueError` for other files, other shapes
-    of curves, and limits that exclude all intensities.
+    [`rockjax.annual_frequency`][]. The dataset also has the limits in the file: `min_intensity` (minIML),
+    `max_intensity` (maxIML) and `no_damage_limit`. As in OpenQuake, a limit of 0 means no limit. Below
+    `min_intensity` and above `max_intensity`, P has its value at the limit. Up to `no_damage_limit`, P = 0,
+    unless `min_intensity` is larger: then `no_damage_limit` has no effect. Raises `ValueError` for other
+    files, other shapes of curves, invalid numbers, and a maxIML that is not above both minIML and
+    noDamageLimit.
     """
     try:
         model = ET.parse(path).getroot().find(f"{{{NRML}}}fragilityModel")
@@ -366,7 +378,8 @@ def read_fragility_model(path: str | Path) -> dict[str, xarray.Dataset]:
 
 
 def _number(path: str | Path, name: str, element: ET.Element, key: str) -> float:
-    """Return the number in an attribute. Raises `ValueError`, which names file, structure and attribute."""
+    """Return the number in the attribute `key`; NaN if the element does not have it. Raises `ValueError`,
+    which names file, structure and attribute."""
     text = element.get(key, "nan")
     try:
         return float(text)
@@ -384,11 +397,14 @@ LIMITS = {
 
 
 def _limits(path: str | Path, name: str, imls: ET.Element) -> dict[str, float]:
-    """Return the limits of a curve that are not 0, in the unit of the file."""
+    """Return the limits of a curve by their names in datasets, in the unit of the file, without limits that
+    are 0."""
     limits = {key: _number(path, name, imls, key) for key in LIMITS if imls.get(key) is not None}
     for key, limit in limits.items():
         if not 0 <= limit < math.inf:
-            raise ValueError(f"{path}: {name}: attribute {key} must be >= 0, got {imls.get(key)!r}")
+            raise ValueError(
+                f"{path}: {name}: attribute {key} must be finite and >= 0, got {imls.get(key)!r}"
+            )
     highest = limits.get("maxIML", 0.0)
     for key in ("noDamageLimit", "minIML"):
         if 0 < highest <= limits.get(key, 0.0):
@@ -397,7 +413,7 @@ def _limits(path: str | Path, name: str, imls: ET.Element) -> dict[str, float]:
 
 
 def _limits_to_write(curve: xarray.Dataset, factor: float) -> dict[str, str]:
-    """Return the limits of a curve as attributes of NRML; `factor` converts OpenQuake's unit to SI."""
+    """Return the limits of a curve as attributes of NRML; `factor`: OpenQuake's unit of the measure in SI."""
     highest = float(curve["median_capacity"]) / factor * math.exp(MAX_DEVIATIONS * float(curve["dispersion"]))
     stated = {key: f"{float(curve[name]) / factor:.15g}" for key, name in LIMITS.items() if name in curve}
     return {"minIML": MIN_IML, "maxIML": f"{highest:.15g}"} | stated

@@ -13,16 +13,15 @@ from rockjax._tree import Module
 
 
 class Filter(Module):
-    """A second-order filter with the transfer function (b₂ s² + b₁ s + b₀)/(s² + a₁ s + a₀), starting from
-    rest.
+    """A second-order filter with the transfer function (b₂ s² + b₁ s + b₀)/(s² + a₁ s + a₀).
 
-    Several such filters in series form a filter of higher order.
+    The filter starts from rest. Several filters in series form a filter of higher order.
 
-    - `numerator`: (b₂, b₁, b₀) [–, 1/s, 1/s²]
-    - `denominator`: (a₁, a₀), both > 0, so that the filter is stable [1/s, 1/s²]
+    - `numerator`: (b₂, b₁, b₀), shape (3,) [–, 1/s, 1/s²]
+    - `denominator`: (a₁, a₀), shape (2,), both > 0, so that the filter is stable [1/s, 1/s²]
 
-    Motions are differentiable with respect to all coefficients. Raises `ValueError` for coefficients out of
-    range.
+    Motions are differentiable with respect to all coefficients. Raises `ValueError` for other shapes, for
+    coefficients that are not finite, and for a denominator that is not > 0.
     """
 
     numerator: Float[Array, " 3"] = eqx.field(converter=as_float)
@@ -83,11 +82,13 @@ def _denominator(omega: Array, zeta: Array) -> Array:
 def append_filters(
     dynamics: Float[Array, "m m"], output: Float[Array, " m"], filters: tuple[Filter, ...]
 ) -> tuple[Float[Array, "k k"], Float[Array, " k"]]:
-    """Return A and C of the system ṡ = A s with output C s, after its output has passed filters.
+    """Add filters in series to a system ṡ = A s with the output C s, and return its new A and C.
 
-    - `dynamics`: A (m, m); `output`: C (m,); `filters`: filters in the order in which the output passes them
+    - `dynamics`: A, shape (m, m); `output`: C, shape (m,)
+    - `filters`: filters, in the order in which the output passes them
 
-    Each filter adds two states to s, x and ẋ of ẍ + a₁ẋ + a₀x = input.
+    Each filter adds two states x and ẋ, where ẍ + a₁ẋ + a₀x is the input of the filter. The output of the
+    last filter is the new output.
     """
     size = len(output)
     added = 2 * len(filters)

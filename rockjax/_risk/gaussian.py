@@ -2,14 +2,15 @@
 
 The noise has the value w_j = u_j e(t_j) √(2π S₀/dt) in the sampling interval from t_j to t_j + dt. Here u ∈
 ℝⁿ is a vector of independent standard normal numbers, e(t) the envelope, and S₀ the spectral density. The
-noise passes, from rest, through a soil layer and a high-pass filter:
+noise passes, from rest, through a soil layer with the frequency ω_g and the damping ratio ζ_g, and a
+high-pass filter with ω_f and ζ_f:
 
     ẍ + 2ζ_g ω_g ẋ + ω_g² x = −w,   a_g = −(2ζ_g ω_g ẋ + ω_g² x),
     ÿ + 2ζ_f ω_f ẏ + ω_f² y = a_g,   ü_g(t_j) = ÿ(t_j).
 
 Further filters may follow. All filters are linear, and ü_g(t_j) depends only on earlier noise. Therefore
-ü_g = A u, where A is lower triangular with a zero diagonal. The product A u is computed by a recurrence,
-which needs O(n) operations, like its transpose in reverse mode.
+ü_g = A u, where A is lower triangular with a zero diagonal. A recurrence computes the product A u in O(n)
+operations; in reverse mode, the product with the transpose of A needs as many.
 """
 
 from __future__ import annotations
@@ -77,11 +78,12 @@ class RandomPulse(Module):
     The pulse is added to the noise. Its amplitude, period and phase follow from the last three entries of u
     by inverse transform sampling.
 
-    - `amplitude`: velocity amplitude A, a [`rockjax.Lognormal`][] [m/s]
-    - `period`: period T_p = 1/f_p, a [`rockjax.Lognormal`][] [s]
+    - `amplitude`: distribution of the velocity amplitude A, a [`rockjax.Lognormal`][] [m/s]
+    - `period`: distribution of the period T_p = 1/f_p, a [`rockjax.Lognormal`][] [s]
     - `gamma`: number of oscillations, > 1 [–]; `centre`: time of the middle of the pulse [s]
 
-    The phase ν is uniform in [0, 2π].
+    The phase ν is uniform in [0, 2π]. Raises `ValueError` for parameters outside their ranges, for a median
+    that is not > 0, and for a dispersion < 0.
     """
 
     amplitude: Lognormal
@@ -99,7 +101,7 @@ class RandomPulse(Module):
         require_finite("RandomPulse", centre=self.centre)
 
     def __call__(self, u: Float[Array, " 3"], t: Float[Array, " n"]) -> Float[Array, " n"]:
-        """Return ü_g of the pulse that u determines, at times t [m/s²]."""
+        """Return ü_g of the pulse that u determines, at times t [s], shape (n,) [m/s²]."""
         amplitude, period = (
             y.median * jnp.exp(y.dispersion * u[k]) for k, y in enumerate((self.amplitude, self.period))
         )
@@ -124,7 +126,7 @@ class GaussianMotion(Module):
     - `omega_f`, `zeta_f`: frequency [rad/s] and damping ratio [–] of the high-pass filter, > 0
     - `envelope`: function t ↦ e(t), by default a [`rockjax.Envelope`][]
     - `pulse`: a [`rockjax.RandomPulse`][] that is added to the noise, or None
-    - `filters`: one or more filters ([`rockjax.Filter`][]) that follow the soil and the high-pass filter
+    - `filters`: a [`rockjax.Filter`][] or several, which follow the soil and the high-pass filter
 
     Motions are differentiable with respect to u and every parameter. [`rockjax.synthetic_motions`][] is a
     different model: it filters stationary noise first, and then applies Saragoni & Hart's envelope, a
@@ -193,14 +195,15 @@ class GaussianMotion(Module):
         return self.envelope(self.t) * jnp.sqrt(2 * math.pi * self.S_0 / self.dt)
 
     def record(self, u: Float[Array, "*batch d"]) -> Record:
-        """Return the motion that u determines as a record; batched if u has batch axes."""
+        """Return the motion that u determines as a record; a batch of records if u has batch axes."""
         return Record(self.acceleration(u), self.dt)
 
     def _discrete_filters(self) -> tuple[Float[Array, "k k"], Float[Array, " k"], Float[Array, " k"]]:
         """Return (Φ, Γ, C) of the filters in discrete time.
 
-        The states s are (x, ẋ, y, ẏ) and two for each further filter. They advance by Φ s + Γ w, which is
-        exact for w constant over dt, and ü_g = C s.
+        The states s are (x, ẋ, y, ẏ) and two for each further filter. Over a sampling interval with the noise
+        w, they advance to Φ s + Γ w. This is exact, because w is constant in the interval. The motion is
+        ü_g = C s.
         """
         zero, one = jnp.zeros(()), jnp.ones(())
         stiff_g, damp_g = self.omega_g**2, 2 * self.zeta_g * self.omega_g
@@ -222,7 +225,8 @@ class GaussianMotion(Module):
         return block[:size, :size], block[:size, size], output
 
     def standard_deviation(self) -> Float[Array, " n"]:
-        """Return the exact standard deviation of ü_g at every sample (n,), without the pulse [m/s²]."""
+        """Return the exact standard deviation of ü_g at the samples, without the pulse, shape (n,)
+        [m/s²]."""
         transition, gain, output = self._discrete_filters()
 
         def advance(covariance, s):
@@ -233,7 +237,8 @@ class GaussianMotion(Module):
         return jnp.sqrt(variance)
 
     def scaled(self, factor) -> Self:
-        """Return the model whose motions are multiplied by a factor (S₀ by the square of the factor)."""
+        """Return the model whose motions are multiplied by a factor > 0: S₀ is multiplied by the square of
+        the factor, the median amplitude of the pulse by the factor."""
         motion = eqx.tree_at(lambda m: m.S_0, self, self.S_0 * jnp.asarray(factor, float) ** 2)
         if self.pulse is None:
             return motion

@@ -31,7 +31,8 @@ class Hazard(Module):
     - `units`: units of the intensity: `"m s-2"`, `"m s-1"`, `"g"` …. Functions that combine a hazard with
       a fragility need the same units for both; `in_si` converts the hazard
 
-    Raises `ValueError` for intensities that do not ascend, and for rates that are not positive or increase.
+    Raises `ValueError` for other shapes, for values that are not finite and > 0, for intensities that do not
+    ascend, and for rates that increase.
     """
 
     intensity: Float[Array, " n"] = eqx.field(converter=as_float)
@@ -69,9 +70,10 @@ class Hazard(Module):
         return jnp.log(self.intensity), jnp.log(self.annual_rate)
 
     def intensity_at(self, annual_rate) -> Float[Array, "*m"]:
-        """Return the intensities [`units`] that are exceeded at annual rates > 0 [1/year].
+        """Return the intensities [`units`] that are exceeded at the given annual rates, > 0 [1/year].
 
-        Raises `ValueError` for other rates, and for a curve with equal rates, which has no inverse.
+        Raises `ValueError` for rates that are not finite and > 0, and for a curve that has the same rate at
+        two points, because it has no inverse there.
         """
         rate = np.asarray(annual_rate, float)
         require("Hazard.intensity_at", "annual_rate", rate, lambda v: v > 0, "finite and > 0")
@@ -86,7 +88,8 @@ class Hazard(Module):
         return jnp.asarray(np.exp(log_x[i] + slope * (np.log(rate) - log_rate[i])))
 
     def in_si(self) -> Hazard:
-        """Return the curve with its intensity in SI units, which the fragilities of rockjax use."""
+        """Return the curve with intensities in SI units, as in the fragilities of rockjax. Raises
+        `ValueError` if `units` is not a known unit."""
         factor_and_units = in_si(self.units)
         if factor_and_units is None:
             raise ValueError(
@@ -104,7 +107,7 @@ class Hazard(Module):
           gives how often this intensity is exceeded: `annual_rate`, `return period [years]`, or a probability
           with its investigation time (`PoE in 50 years`, `annual probability of exceedance`). Probabilities
           p in t years become rates −ln(1 − p)/t; points with p = 0 or 1 are left out
-        - `site`: row of an OpenQuake file, from 0; needed if the file has several rows
+        - `site`: row of an OpenQuake file, from 0; None if the file has one curve
 
         Raises `ValueError` for headings that are not understood (the message quotes them), for probabilities
         without an investigation time, for other files, and for invalid curves.

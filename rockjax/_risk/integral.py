@@ -1,9 +1,11 @@
 """The integral ∫ F(x) |dλ(x)| of a fragility F along a hazard curve λ, in closed form on every segment.
 
 ln λ is linear in ln x between the points of a hazard curve, and the first and last segment are extrapolated.
-On a segment λ = k₀ x^(−k). For a lognormal F = Φ(z), z = (ln x − ln m)/β, with median m and dispersion β,
+On a segment, λ = k₀ x^(−k). For a lognormal F = Φ(z), z = (ln x − ln m)/β, with median m and dispersion β,
 
-    ∫ F |dλ| = [−F λ] + k₀ m^(−k) e^(k²β²/2) [Φ(z + kβ)].
+    ∫ F |dλ| = [−F λ] + k₀ m^(−k) e^(k²β²/2) [Φ(z + kβ)],
+
+where brackets mean the value at the right end of the segment minus the value at the left end.
 
 All functions here use jax.numpy and are differentiable with respect to every array.
 """
@@ -39,8 +41,8 @@ class Limits(NamedTuple):
     """Intensities at which a fragility curve is cut off or held constant; None for no limit.
 
     - `zero_below`: P(x) = 0 up to this intensity
-    - `constant_below`: below this intensity, P(x) equals P at the limit; not allowed with `zero_below`
-    - `constant_above`: above this intensity, P(x) equals P at the limit
+    - `constant_below`: below this intensity, P has its value at this intensity; None with `zero_below`
+    - `constant_above`: above this intensity, P has its value at this intensity
     """
 
     zero_below: Float[ArrayLike, ""] | None = None
@@ -49,7 +51,7 @@ class Limits(NamedTuple):
 
 
 def segment_slopes(log_x: Float[Array, " n"], log_rate: Float[Array, " n"]) -> Float[Array, " n-1"]:
-    """Return k ≥ 0 of each segment λ = k₀ x^(−k)."""
+    """Return the exponent k ≥ 0 of each segment λ = k₀ x^(−k)."""
     return -jnp.diff(log_rate) / jnp.diff(log_x)
 
 
@@ -62,8 +64,8 @@ def log_rate_at(
 
 
 def _log_difference(low: Array, high: Array) -> Array:
-    """Return ln[Φ(high) − Φ(low)] for low < high; either may be infinite. To avoid cancellation, both values
-    are taken from the tail of the distribution in which they are small."""
+    """Return ln[Φ(high) − Φ(low)] for low < high, each finite or infinite. To avoid cancellation, Φ(−high)
+    and Φ(−low) are used instead if low + high > 0."""
     is_upper_tail = low + high > 0
     a, b = jnp.where(is_upper_tail, -high, low), jnp.where(is_upper_tail, -low, high)
     larger, smaller = norm.logcdf(b), norm.logcdf(a)
@@ -82,7 +84,7 @@ def integrate_lognormal(
     """Return the contributions to ∫ F |dλ| for F = Φ(ln(x/median)/dispersion), with limits.
 
     - `log_x`, `log_rate`: ln x and ln λ of the points of the hazard curve, ascending in x, (n,)
-    - `median`: median of the fragility, > 0 [unit of x]; `dispersion`: its β, > 0 [–]
+    - `median`, `dispersion`: median m, > 0 [unit of x], and dispersion β, > 0 [–], of the fragility
     - `limits`: intensities at which F is cut off or held constant
 
     If `constant_below` keeps F > 0 at low intensities, this constant part counts only above the first point
@@ -131,7 +133,7 @@ def _integrate_without_limits(
     median: Float[Array, ""],
     dispersion: Float[Array, ""],
 ) -> Contributions:
-    """Return the contributions to ∫ F |dλ| without limits; `k`: slope of each segment."""
+    """Return the contributions to ∫ F |dλ| without limits; `k` is the exponent of each segment."""
     z = (log_x - jnp.log(median)) / dispersion
     F, rate = norm.cdf(z), jnp.exp(log_rate)
     # ln(k₀ m^(−k) e^(k²β²/2)), with k₀ from the left end of each segment.

@@ -1,5 +1,7 @@
 """Limit states: functions G(u) of a vector u of independent standard normal numbers, evaluated in batches.
-Failure is G ≤ 0."""
+
+Failure is G ≤ 0.
+"""
 
 from __future__ import annotations
 
@@ -15,10 +17,10 @@ MIN_BATCH, MAX_BATCH = 8, 4096
 
 
 class AbstractLimitState(abc.ABC):
-    """Interface of a limit state for the search and the estimators.
+    """Interface of a limit state for the search for design points and for the estimators.
 
-    - `dimension`: length d of u; `mirrored`: whether G(−u) = G(u)
-    - `scenes`: number of evaluations so far
+    - `dimension`: length d of u; `mirrored`: whether G(−u) = G(u) for all u
+    - `scenes`: number of points u evaluated so far
     """
 
     dimension: int
@@ -36,7 +38,7 @@ class AbstractLimitState(abc.ABC):
         return self._require_no_nan(u, np.asarray(self._values(u), float))
 
     def gradients(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return G (m,) and ∇G (m, d) at the rows of u (m, d)."""
+        """Return G (m,) and ∇G (m, d) at the rows of u (m, d). Raises `ValueError` if G is NaN."""
         self.scenes += len(u)
         value, slope = self._gradients(u)
         return self._require_no_nan(u, np.asarray(value, float)), np.asarray(slope, float)
@@ -51,13 +53,13 @@ class AbstractLimitState(abc.ABC):
 
     @staticmethod
     def _require_no_nan(u: np.ndarray, value: np.ndarray) -> np.ndarray:
-        """Return `value`. Raises `ValueError` if an entry is NaN."""
+        """Return the values of G at the rows of u. Raises `ValueError` if one is NaN."""
         is_nan = np.isnan(value)
         if is_nan.any():
             distance = np.linalg.norm(u[np.argmax(is_nan)])
             raise ValueError(
-                f"reliability: G is NaN at a distance of {distance:.3g} from the origin; return a finite "
-                "value for every u, negative for failure"
+                f"limit state: G is NaN at a distance of {distance:.3g} from the origin; a function G must "
+                "return a number for every u, and every scene of a structure must finish"
             )
         return value
 
@@ -85,7 +87,7 @@ def evaluate_padded(u: np.ndarray, call: Callable) -> tuple[np.ndarray, ...]:
 
 
 class FunctionLimitState(AbstractLimitState):
-    """Limit state whose G is a differentiable function of one u (dimension,)."""
+    """Limit state with G given as a differentiable JAX function of one vector u, shape (dimension,)."""
 
     def __init__(self, G: Callable, dimension: int):
         super().__init__(dimension)

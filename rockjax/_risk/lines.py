@@ -1,8 +1,8 @@
 """Crossings of straight lines in standard normal space with the surface of failure, in one batch.
 
 Failure is G ≤ 0, with the limit state function G. G is evaluated at positions c along each line. Intervals
-with one surviving and one failing end are divided further. Windows are intervals of c in which a line
-survives or fails; those wider than the distance between two positions are all found.
+between neighbouring positions with one surviving and one failing end are divided further. All ranges of c in
+which a line survives or fails are found if they are wider than the distance between neighbouring positions.
 """
 
 from __future__ import annotations
@@ -20,11 +20,13 @@ from .limit_state import AbstractLimitState
 class Division(NamedTuple):
     """Settings for the division of intervals with a crossing.
 
-    An interval is divided into `parts` equal parts, and also at two positions around the root of its secant.
+    An interval is divided into `parts` equal parts, and also at two positions around the root of its secant,
+    the straight line through G at both ends.
 
     - `rounds`: largest number of successive divisions; `parts`: number of equal parts of a division
-    - `root_offset`: distance of the additional positions from the root, relative to the interval [–]
-    - `min_share`: intervals narrower than this share of the narrowest initial one are not divided [–]
+    - `root_offset`: distance of the two positions from the root, divided by the length of the interval [–]
+    - `min_share`: after a division, intervals narrower than this share of the narrowest initial interval are
+      not divided further [–]
     """
 
     rounds: int = 3
@@ -34,13 +36,13 @@ class Division(NamedTuple):
 
 
 class LineCrossings(NamedTuple):
-    """Crossings of lines with the surface of failure, along each line in ascending order.
+    """The k crossings of m lines with the surface of failure, in ascending order along each line.
 
     - `line`: index of the line, (k,)
     - `position`: c of the crossing on the line, on the failing side, (k,); `G`: G at this position, (k,)
     - `survivor`: the nearest evaluated position on the surviving side, (k,)
-    - `enters`: whether the line enters failure with ascending c, (k,)
-    - `fails_first`, `fails_last`: whether the lines fail at their first and last position, (m,)
+    - `enters`: True if the line enters failure with ascending c, False if it leaves failure, (k,)
+    - `fails_first`, `fails_last`: whether each line fails at its first and its last position, (m,)
     """
 
     line: np.ndarray
@@ -53,7 +55,7 @@ class LineCrossings(NamedTuple):
 
 
 class _Intervals(NamedTuple):
-    """Intervals (k,) between positions `a` < `b` on lines, with G at both ends: `G_a`, `G_b`."""
+    """The k intervals between positions `a` < `b` on lines, with G at both ends: `G_a`, `G_b`; all (k,)."""
 
     line: np.ndarray
     a: np.ndarray
@@ -70,7 +72,8 @@ class _Intervals(NamedTuple):
         return _Intervals(*(y[rows] for y in self))
 
     def inner_points(self, division: Division) -> np.ndarray:
-        """Return positions inside (k, positions): evenly spaced ones, and two around the secant's root."""
+        """Return positions inside the intervals: evenly spaced ones, and two around the root of the secant,
+        shape (k, positions)."""
         fraction = points_near_root(self.G_a, self.G_b, division.parts - 1, division.root_offset)
         return self.a[:, None] + (self.b - self.a)[:, None] * fraction
 
@@ -106,7 +109,7 @@ def narrow_crossings(
     value: np.ndarray,
     division: Division = Division(),
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Narrow down the crossings between positions at which G has been evaluated.
+    """Find the crossings between positions at which G has been evaluated, and narrow them down.
 
     - `limit`: limit state
     - `origin`, `direction`: origin and direction of each line, (m, d)

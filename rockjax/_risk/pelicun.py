@@ -24,13 +24,14 @@ def write_pelicun(path: str | Path, fragility: xarray.Dataset) -> Path:
     """Write fragilities of contents as a CSV table of component fragilities for pelicun, atomically.
 
     - `path`: file to write
-    - `fragility`: dataset of [`rockjax.contents_fragility`][], whose measure is PGA, PGV or Sa(T s)
+    - `fragility`: dataset of [`rockjax.contents_fragility`][] for the measure PGA, PGV or Sa(T s)
 
-    Each block is a component, with the block's name as `ID`. Each damage state is a limit state `LS1` … with
-    the lognormal median `Theta_0`, in m/s² or m/s, and dispersion `Theta_1`. The demand is the intensity of
-    the ground motion at the location of the component, along the direction in which the component rocks:
-    `Demand-Offset` 0, `Demand-Directional` 1. Limit states without a curve are empty, and the component then
-    has `Incomplete` 1. Returns the path. Raises `ValueError` for other datasets and other measures.
+    Each block of the contents is a component, with the block's name as `ID`. Each damage state is a limit
+    state `LS1` … with the lognormal median `Theta_0`, in m/s² or m/s, and dispersion `Theta_1`. The demand is
+    the intensity of the ground motion at the location of the component, along the direction in which the
+    component rocks: `Demand-Offset` 0, `Demand-Directional` 1. If a limit state has no curve, its cells are
+    empty, and the component has `Incomplete` 1. Returns the path. Raises `ValueError` for other datasets and
+    other measures.
     """
     owner = "write_pelicun"
     if getattr(fragility, "attrs", {}).get("kind") != "contents-fragility":
@@ -57,7 +58,7 @@ def write_pelicun(path: str | Path, fragility: xarray.Dataset) -> Path:
 
 
 def _limit_state(median: float, dispersion: float) -> tuple[str, str, str]:
-    """Return the cells of a limit state; they are empty if it has no curve."""
+    """Return the cells of a limit state; empty cells if the limit state has no curve (a NaN median)."""
     return ("", "", "") if math.isnan(median) else ("lognormal", repr(median), repr(dispersion))
 
 

@@ -1,16 +1,18 @@
 """Probabilities of failure of several structures from one sample, by rays through failing samples.
 
 A vector u of independent standard normal numbers determines the ground motion. A ray is a half-line from u =
-0 in a direction e. Its probability of failure is q(e) = Σ ±Q(r), summed over its crossings r with the surface
-of failure: + where the ray enters failure, − where it leaves. Q is the upper tail of the chi distribution
-(the distribution of |u|). The mean over all directions is P = E q(e). The directions of failing samples of a
-first structure (index 0) have the density q₀/P₀ relative to all directions. For another structure, with u
-multiplied by k, the probability is therefore
+0 in a direction e. The ray crosses the surface of failure at distances r from the origin, and its probability
+of failure is q(e) = Σ ±Q(r): + where the ray enters failure, − where it leaves. Q(r) is the probability that
+|u| > r (the upper tail of the chi distribution). The mean over all directions is P = E q(e). If motions are
+multiplied by a factor k, the ray has q(e; k) = Σ ±Q(r/k).
+
+The directions of failing samples of a first structure (index 0) have the density q₀/P₀ relative to all
+directions. For another structure, with u multiplied by k, the probability is therefore
 
     P(k) = P₀ E[q(e; k)/q₀(e)],
 
-a mean over the same directions. P(k) is as smooth as the positions of the crossings, whose derivatives follow
-from the implicit function theorem. The sampling error of P₀ is common to all structures.
+a mean over the directions of these samples. P(k) is as smooth as the positions of the crossings, whose
+derivatives follow from the implicit function theorem. The sampling error of P₀ is common to all structures.
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ from .limit_state import AbstractLimitState
 from .lines import Division, narrow_crossings
 from .structure import StructureLimitState
 
-SPACING = 0.3  # approximate distance of positions on a ray; the standard deviation of |u| is 0.71
+SPACING = 0.3  # approximate distance between positions on a ray; the standard deviation of |u| is 0.71
 BELOW_SCAN, ABOVE_SCAN = 1e-7, 1e-9  # probabilities that |u| lies below and above the scanned part of a ray
 RANGE_FACTOR = 1.1  # factor by which the scanned range of k is extended on both sides
 MAX_FACTOR = 100.0  # largest factor on u, and the inverse of the smallest
@@ -61,13 +63,13 @@ class ScaledLimitState(AbstractLimitState):
 
 
 class Rays(NamedTuple):
-    """Directions with their weights: P(k) ≈ Σ weight·q(e; k).
+    """Directions of rays, with weights such that P(k) ≈ Σ weight·q(e; k).
 
-    - `directions`: unit vectors, shape (m, d)
-    - `weights`: P₀/(m q₀), shape (m,)
+    - `directions`: unit vectors e, shape (m, d)
+    - `weights`: about P₀/(m q₀) (large weights are limited), shape (m,)
     - `factor`: factor k at which the directions were sampled
-    - `cov`: coefficient of variation of P₀
-    - `scenes`: number of evaluated scenes
+    - `cov`: coefficient of variation of the sampled P₀
+    - `scenes`: number of scenes that were evaluated
     """
 
     directions: np.ndarray
@@ -78,11 +80,11 @@ class Rays(NamedTuple):
 
 
 class FactorSolution(NamedTuple):
-    """The factor k on u at which a probability of failure has its target value.
+    """The factor k on u at which a structure fails with the target probability.
 
     - `factor`: k
-    - `sensitivities`: d ln k/d ln y, in the order of the names
-    - `jumps`: share of dP/d ln k from crossings at which G jumps; the sensitivities do not include them
+    - `sensitivities`: d ln k/d ln y of the named parameters y, in the order of the names
+    - `jumps`: share of dP/d ln k from crossings at which G jumps; the sensitivities leave these crossings out
     - `effective`: effective number of rays
     """
 
@@ -97,8 +99,8 @@ def sample_rays(limit: AbstractLimitState, probability: float, count: int, cov: 
 
     - `limit`: limit state; it must survive at u = 0
     - `probability`: target probability of failure, in (0, 1); the scaled motions have about this probability
-    - `count`: number of failing samples through which rays are drawn
-    - `cov`: coefficient of variation that the sampled probability must reach
+    - `count`: largest number of failing samples through which rays are drawn
+    - `cov`: largest accepted coefficient of variation of the sampled probability
     - `seed`: seed of the random numbers
 
     Raises `ValueError` if the limit state fails at u = 0, if no factor on u leads to the probability, and if
@@ -122,7 +124,7 @@ def sample_rays(limit: AbstractLimitState, probability: float, count: int, cov: 
     radius = np.linalg.norm(u, axis=1)
     scan = _RayScan(limit, u / radius[:, None], factor)
     scan.narrow(REFINED)
-    # The scan may miss a narrow failure window that contains the sample of a ray; such rays are omitted.
+    # The scan may miss a narrow range of failure that contains the sample of a ray; such rays are omitted.
     before_sample = scan.r < factor * radius[scan.line]
     is_failing = (
         scan.fails_at_start
@@ -131,14 +133,15 @@ def sample_rays(limit: AbstractLimitState, probability: float, count: int, cov: 
     )
     e = u[is_failing] / radius[is_failing, None]
     weights = weights[is_failing] / scan.probabilities(factor)[is_failing]
-    # A narrow failure window gives its ray a large weight, but may be wide for another structure.
+    # A ray that fails only in a narrow range of r has a large weight. As the range may be wide for another
+    # structure, the weights are limited.
     weights = np.minimum(weights, MAX_WEIGHT * np.median(weights))
     weights *= estimate.probability / float(weights @ scan.probabilities(factor)[is_failing])
     return Rays(e, weights, factor, estimate.cov, limit.scenes - scenes_before)
 
 
 def _draw_failing(estimator: Subset, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Draw up to `count` different failing samples of all runs, with their weights in P."""
+    """Draw up to `count` different failing samples of all runs, and return them with their shares of P."""
     total = sum(run.samples for run in estimator.runs)
     runs = [
         (np.unique(run.failing, axis=0), run.probability * run.samples / total)
@@ -154,10 +157,10 @@ def _draw_failing(estimator: Subset, count: int, rng: np.random.Generator) -> tu
 
 
 def _find_factor(limit: AbstractLimitState, probability: float, rng) -> tuple[float, Subset]:
-    """Return a factor on u at which failure has about this probability, and an estimator for this factor, to
-    which one round has been added."""
+    """Return a factor on u at which failure has about the given probability, and the estimator of this
+    probability, with one completed round."""
     target_beta, factor = -float(scipy.stats.norm.ppf(probability)), 1.0
-    trials: list[tuple[float, float]] = []  # ln k and −Φ⁻¹(P)
+    trials: list[tuple[float, float]] = []  # ln k and the reliability index −Φ⁻¹(P)
     for _ in range(TRIALS):
         estimator = Subset(ScaledLimitState(limit, factor), None, rng, TRIAL_SAMPLES, TRIAL_SHARE)  # pyright: ignore[reportArgumentType]
         estimator.round(1)
@@ -166,8 +169,8 @@ def _find_factor(limit: AbstractLimitState, probability: float, rng) -> tuple[fl
             return factor, estimator
         beta = -float(scipy.stats.norm.ppf(min(max(trial_probability, 1e-30), 1 - 1e-3)))
         trials.append((math.log(factor), beta))
-        # The first step takes the reliability index −Φ⁻¹(P) to be proportional to 1/k, as for a plane limit
-        # state; later steps use the secant.
+        # The first step assumes that the reliability index is proportional to 1/k, as for a plane surface of
+        # failure; later steps use the secant through the last two trials.
         step = math.log(max(beta, 0.5) / max(target_beta, 0.5)) if target_beta != beta else 0.1
         if len(trials) > 1 and abs(trials[-1][1] - trials[-2][1]) > 1e-3:
             (a, at_a), (b, at_b) = trials[-2:]
@@ -189,7 +192,7 @@ class _RayScan:
 
     Positions on a ray are exp(`step`·i) for integers `first` ≤ i < `stop`. The attributes `line`, `r` and
     `survivor` describe the crossings, as `line`, `position` and `survivor` of `LineCrossings` do. The
-    attribute `sign` is 1 where a ray enters failure and −1 where it leaves.
+    attribute `sign` of a crossing is 1 if the ray enters failure there, and −1 if it leaves failure.
     """
 
     def __init__(self, limit: AbstractLimitState, directions: np.ndarray, guess: float):
@@ -197,7 +200,7 @@ class _RayScan:
         d = directions.shape[1]
         # Ends of the scanned range of |u|.
         self.ends = float(scipy.stats.chi.ppf(BELOW_SCAN, d)), float(scipy.stats.chi.isf(ABOVE_SCAN, d))
-        # Positions are multiples of the step, so the result does not depend on the guess.
+        # Logarithms of positions are multiples of the step, so positions do not depend on the guess.
         self.step = SPACING / math.sqrt(d)
         self.first = self.stop = math.floor(math.log(self.ends[0] * guess / RANGE_FACTOR) / self.step)
         self.G = np.zeros((len(directions), 0))
@@ -212,7 +215,7 @@ class _RayScan:
         self.narrow(UNREFINED)
 
     def narrow(self, division: Division) -> None:
-        """Find the crossings between positions; `division` contains the settings."""
+        """Find the crossings between positions, and narrow them down with the settings `division`."""
         m, r = len(self.directions), self._radii(self.first, self.stop)
         scanned = np.repeat(np.arange(m), r.size), np.tile(r, m), self.G.ravel()
         self.line, self.r, self.survivor, _, enters = narrow_crossings(
@@ -232,22 +235,24 @@ class _RayScan:
         crossed_line, r, *_ = narrow_crossings(
             self.limit, np.zeros_like(e), e, line, ends.ravel(), value, SHARP
         )
-        # Windows between several crossings are far narrower than the resolution, so only the first is used.
+        # The ranges between several crossings are far narrower than the resolution, so only the first
+        # crossing is used.
         first = np.unique(crossed_line, return_index=True)[1]
         self.r[rows[crossed_line[first]]] = r[first]
 
     def _radii(self, first: int, stop: int) -> np.ndarray:
-        """Return the positions with the integers `first` ≤ i < `stop`."""
+        """Return the positions r with the integers `first` ≤ i < `stop`, shape (positions,)."""
         return np.exp(self.step * np.arange(first, stop))
 
     def _evaluate(self, first: int, stop: int) -> np.ndarray:
-        """Return G at these positions of all rays, shape (rays, positions)."""
+        """Return G on all rays at the positions with the integers `first` ≤ i < `stop`, shape (rays,
+        positions)."""
         r = self._radii(first, stop)
         u = self.directions[:, None, :] * r[:, None]
         return self.limit.values(u.reshape(-1, u.shape[-1])).reshape(len(self.directions), r.size)
 
     def probabilities(self, k: float) -> np.ndarray:
-        """Return q(e; k) of every ray, (m,)."""
+        """Return the probability of failure q(e; k) of every ray, shape (m,)."""
         signed_tails = self.sign * scipy.stats.chi.sf(self.r / k, self.directions.shape[1])
         return self.fails_at_start + np.bincount(self.line, signed_tails, minlength=len(self.directions))
 
@@ -263,7 +268,8 @@ def solve_factor(
     - `names`: parameters y of the structure for the sensitivities d ln k/d ln y
     - `guess`: first value of the factor
 
-    A factor outside [1/`MAX_FACTOR`, `MAX_FACTOR`] is replaced by the nearer end, with derivatives of zero.
+    A factor outside [1/`MAX_FACTOR`, `MAX_FACTOR`] is replaced by the nearer end of this range, with zero
+    sensitivities.
     """
     scan, k = _scan_near(limit, rays, probability, guess)
     if not 1 / MAX_FACTOR < k < MAX_FACTOR:
@@ -295,8 +301,8 @@ def _move_to_roots(
     - `limit`, `rays`, `names`: as for `solve_factor`
     - `scan`: scan with crossings, which are moved in place
 
-    Returns a mask of the crossings at which G jumps, shape (k,), and the derivatives of G at all crossings
-    with respect to ln r, shape (k,), and to the logarithms of named parameters, shape (k, names).
+    Returns a mask of the crossings at which G jumps, shape (k,), and the derivatives of G at all crossings:
+    with respect to ln r, shape (k,), and with respect to the logarithms of the parameters, shape (k, names).
     """
 
     def newton(max_step) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -312,8 +318,8 @@ def _move_to_roots(
 
 
 def _scan_near(limit, rays: Rays, probability: float, guess: float) -> tuple[_RayScan, float]:
-    """Return a scan wide enough for the target probability, and the approximate factor k. The arguments are
-    those of `solve_factor`."""
+    """Return a scan wide enough for the target probability, and the approximate factor k. Arguments are as
+    for `solve_factor`."""
     scan, low, high = _RayScan(limit, rays.directions, guess), guess / RANGE_FACTOR, guess * RANGE_FACTOR
     while True:
         at_low, at_high = (float(rays.weights @ scan.probabilities(k)) for k in (low, high))
@@ -336,12 +342,12 @@ def probability_at(limit: AbstractLimitState, rays: Rays, factor: float) -> floa
 
 
 def _root(scan: _RayScan, weights: np.ndarray, probability: float, guess: float) -> float:
-    """Return the factor k at which P(k) has its target value.
+    """Return the factor k at which P(k) equals the target probability.
 
-    Beyond the scanned positions, rays are taken to fail or survive as at the outermost positions.
+    Beyond the scanned positions, rays are assumed to fail or survive as at the outermost positions.
 
-    - `scan`, `weights`: scan of the rays, and their weights in P(k), shape (m,)
-    - `probability`: the target value; `guess`: first value of k
+    - `scan`, `weights`: scan of the rays, and weights of the rays in P(k), shape (m,)
+    - `probability`: target probability; `guess`: first value of k
     """
 
     def log_error(log_k: float) -> float:

@@ -25,7 +25,7 @@ DISAGREEMENT = 1.5  # ratio of the first-order and the sampled probability beyon
 
 @dataclasses.dataclass(frozen=True)
 class FailureProbability:
-    """A sampled probability of failure, its accuracy, and the first-order value.
+    """A sampled probability of failure with its accuracy, and a first-order approximation.
 
     - `probability`: estimated probability of failure [–]
     - `standard_error`: standard error of `probability` [–]
@@ -34,17 +34,19 @@ class FailureProbability:
     - `method`: name of the estimator
     - `scenes`: number of evaluations of the limit state, including the search for design points
     - `effective_sample_size`: effective number of failures in the sample
-    - `first_order`: probability of the union of the half-spaces of the design points; NaN for methods without
-      design points
-    - `beta`: distances of the design points from the origin, nearest first
-    - `disagrees`: True if `first_order` is outside the interval and differs from `probability` by a factor of
-      1.5 or more. Then the limit state is far from plane, or a design point was not found
-    - `converged`: True if the estimate reached the requested coefficient of variation and is not dominated by
-      a few samples; otherwise the probability may be wrong by a large factor
+    - `first_order`: probability of the union of the half-spaces α_i·u ≥ β_i, with the directions α_i and the
+      distances β_i of the design points; NaN for methods without design points
+    - `beta`: distances of the design points from the origin, nearest first; empty for methods without design
+      points
+    - `disagrees`: True if `first_order` is outside the confidence interval and differs from `probability` by
+      a factor of 1.5 or more. Then the limit state is far from plane, or a design point was not found
+    - `converged`: True if the estimate reached the requested coefficient of variation, with at least 20
+      effective failures, and is not dominated by a few samples; otherwise the probability may be wrong by a
+      large factor
     - `sensitivities`: (dP/dy, standard error) by the name of the parameter y, for the limit state of a
       structure and the method `"line"`; else empty
-    - `jumps`: share of the surface of failure across which the limit-state function G jumps. The
-      sensitivities leave this part out. NaN without sensitivities
+    - `jumps`: share of the surface of failure, weighted by the density of u, across which the limit-state
+      function G jumps. The sensitivities leave this part out. NaN without sensitivities
     """
 
     probability: float
@@ -69,7 +71,7 @@ class FailureProbability:
 
     @property
     def described_interval(self) -> str:
-        """The interval as text."""
+        """The confidence interval as text."""
         low, high = self.interval
         return "no interval" if math.isnan(low) else f"95 %: {low:.3g} to {high:.3g}"
 
@@ -99,9 +101,9 @@ def reliability(
     - `progress`: `True` for a progress bar, or any object with a method `update(number_of_scenes)`
 
     If the estimate has not converged, a `RuntimeWarning` is issued, and the interval is NaN except with
-    `"monte-carlo"`. Ctrl-C raises [`rockjax.Interrupted`][] with the estimate so far. Raises `ValueError` for
-    invalid arguments and, with `"importance"` and `"line"`, if the limit state fails at u = 0 or if no search
-    finds failure.
+    `"monte-carlo"`. Ctrl-C during sampling raises [`rockjax.Interrupted`][] with the estimate from the rounds
+    so far, or None before the end of the first round. Raises `ValueError` for invalid arguments, if G is NaN
+    and, with `"importance"` and `"line"`, if the limit state fails at u = 0 or if no search finds failure.
     """
     check_arguments("reliability", method, cov, seed, starts, max_scenes)
     if not callable(G):
@@ -122,9 +124,9 @@ def reliability(
 
 
 def starting_directions(limit: AbstractLimitState, starts: int, seed: int) -> np.ndarray:
-    """Return directions from which searches start, shape (starts, dimension).
+    """Return unit vectors in the directions from which searches start, shape (starts, dimension).
 
-    The first half are random directions far apart, the second half their opposites. If G(−u) = G(u),
+    The first half are random directions far apart, the second half the opposite directions. If G(−u) = G(u),
     the search needs only the first half.
     """
     count = (starts + 1) // 2
@@ -157,18 +159,19 @@ def check_arguments(owner: str, method: str, cov: float, seed: int, starts: int,
 def find_design_points(owner: str, limit: AbstractLimitState, directions: np.ndarray) -> DesignPoints:
     """Return the design points of a limit state, from starting directions (s, d).
 
-    Raises `ValueError` if the limit state fails at the origin, and if there are no design points.
+    Raises `ValueError` if the limit state fails at the origin, and if the search finds no design point.
     """
     if limit.values(np.zeros((1, limit.dimension)))[0] <= 0:
         raise ValueError(
-            f"{owner}: the limit state fails at u = 0, so it has no design point; use 'monte-carlo'"
+            f"{owner}: the limit state fails at u = 0, so it has no design point; estimate the probability "
+            "with the method 'monte-carlo', which needs none"
         )
     points = design_points(limit, directions)
     if points.beta.size == 0:
         raise ValueError(
             f"{owner}: searches from {len(directions)} directions found no failure within {MAX_BETA:g} "
-            "standard deviations; the probability may be below 1e-18; raise starts, or use 'subset', which "
-            "needs no design point"
+            "standard deviations; the probability may be below 1e-18; raise starts, or estimate the "
+            "probability with the method 'subset', which needs no design point"
         )
     return points
 
@@ -193,8 +196,8 @@ def estimate_probability(
     - `directions`: starting directions of the search for design points, (s, dimension)
     - `method`, `cov`, `seed`, `max_scenes`, `progress`: as for `reliability`
 
-    Warns (`RuntimeWarning`) if the estimate has not converged. Raises `Interrupted` on Ctrl-C, with the
-    estimate so far.
+    Warns (`RuntimeWarning`) if the estimate has not converged. Ctrl-C during sampling raises `Interrupted`
+    with the estimate from the rounds so far, or None before the end of the first round.
     """
     estimator_class = ESTIMATORS[method]
     points = (
@@ -224,7 +227,7 @@ def _explain_nonconvergence(result: FailureProbability, cov: float) -> str:
     cures = [] if result.method == "subset" else ["method='subset'"]
     if result.probability == 0:
         cause = "no scene fails"
-        cures.append("stronger motions, because the probability may be zero")
+        cures.append("stronger motions or another G, because the probability may be zero")
     elif (achieved := result.standard_error / result.probability) > cov:
         cause = f"the coefficient of variation is {achieved:.2g}, not {cov:g}"
         cures += ["a larger max_scenes", "a larger cov"]
@@ -247,9 +250,9 @@ def _to_result(
 ) -> FailureProbability:
     """Return the result of `estimate_probability`.
 
-    - `estimate`: the last estimate; `estimator`: the estimator that has made it
+    - `estimate`: the last estimate; `estimator`: the estimator that returned it
     - `limit`, `method`, `cov`: as for `estimate_probability`
-    - `slopes`: derivatives of the probability, or None
+    - `slopes`: derivatives of the probability; None if there are none
     """
     points = estimator.points
     first_order = first_order_probability(points)
@@ -279,8 +282,8 @@ def _to_result(
 def first_order_probability(points: DesignPoints) -> float:
     """Return the probability of the union of half-spaces α_i·u ≥ β_i; NaN if there are no design points.
 
-    Design point i has the direction α_i and the distance β_i. The value is exact for up to two half-spaces,
-    and Ditlevsen's lower bound for more.
+    Design point i has the direction α_i and the distance β_i from the origin. The value is exact for one or
+    two half-spaces, and Ditlevsen's lower bound for more.
     """
     if points.beta.size == 0:
         return math.nan

@@ -36,8 +36,8 @@ class DesignPoint:
     - `record`: the motion that u determines, locally the most likely motion that causes failure
     - `mode`: failure mode, which is the number of impacts (before overturning, if the scene overturns); −1 if
       the scene did not finish
-    - `smooth`: True if u is normal to the limit state; otherwise the point is at an edge, where the failure
-      mode changes
+    - `smooth`: True if the vector u is normal to the limit state; otherwise the point is usually at an edge,
+      where the failure mode changes
     - `sensitivities`: dβ/dy for every parameter y of structure and ground motion, with the location of y as
       key, such as `"alpha"`, `"restrainers[0].prestress"`, `"superstructure.masses[2]"`; one-sided
       derivatives if not `smooth`
@@ -67,19 +67,24 @@ def design_points(
 
     - `podium`: podium with scalar parameters
     - `motion`: a [`rockjax.GaussianMotion`][]
-    - `limit`: `"overturning"`, or (name, value): a peak of at least value > 0 is failure. Names are
-      `"rotation"` max|θ|/α (with a value < 1), `"deformation"` [m], `"shear"` V_s/(m_t g), `"friction"`
-      |T|/N, `"unloading"` 1 − N/N_0 and `"foundation shear"` divided by the weight; for a `ShearBuilding`
-      also `"drift"` [m] and `"floor acceleration"` [m/s²]. The worst mode, story, floor or joint counts
+    - `limit`: `"overturning"`, or a tuple (name, value > 0): failure is a peak ≥ value, or overturning. Names
+      are `"rotation"` (divided by the slenderness α, value < 1), `"friction"` (shear force divided by axial
+      force of a joint), `"unloading"` (loss of axial force of a joint, divided by the dead load),
+      `"foundation shear"` (divided by the total weight), with a superstructure `"shear"` (base shear divided
+      by the weight of the superstructure), with an elastic superstructure `"deformation"` [m], and with a
+      `ShearBuilding` `"drift"` [m] and `"floor acceleration"` [m/s²]. The worst mode, story, floor or joint
+      counts
     - `starts`: number of directions from which searches for design points start, ≥ 1
     - `seed`: seed of the random numbers, ≥ 0; equal seeds give equal results
 
-    Returns local minima u of |u| on the limit state, nearest first; without a pulse, −u is also a minimum.
-    The limit state has edges where the number of impacts before overturning changes, so some minima are at
-    edges. Φ(−β) is a probability only if the limit state is nearly plane. It is not plane in hundreds of
-    dimensions; use [`rockjax.failure_probability`][] for probabilities.
+    Returns the points u on the limit state at which |u| has a local minimum, nearest first. Without a pulse,
+    −u is such a point if u is one. The limit state has edges where the number of impacts before overturning
+    changes, so some minima are at edges. With the reliability index β, Φ(−β) approximates the probability of
+    failure only if the limit state is nearly plane. In hundreds of dimensions it is not nearly plane; use
+    [`rockjax.failure_probability`][] for probabilities.
 
-    Raises `ValueError` for invalid arguments, if the structure fails at rest, and if no motion makes it fail.
+    Raises `ValueError` for invalid arguments, if a scene does not finish, if the structure fails without any
+    motion, and if the search finds no motion that makes the structure fail.
     """
     owner = "design_points"
     check_arguments(owner, "importance", 0.1, seed, starts, 1000)
@@ -125,16 +130,17 @@ def failure_probability(
     Scenes are solved in batches on all cores. A rocking structure fails under many moderate motions of no
     particular shape, far from any design point. Methods that sample around design points may miss these
     motions, and then underestimate the probability. If the estimate has not converged, a `RuntimeWarning` is
-    issued, and only `"monte-carlo"` gives an interval. Ctrl-C raises [`rockjax.Interrupted`][] with the
-    estimate so far.
+    issued, and only `"monte-carlo"` gives an interval. Ctrl-C during sampling raises
+    [`rockjax.Interrupted`][] with the estimate from the rounds so far, or None before the end of the first
+    round.
 
     With `"line"` the result has `sensitivities`, dP/dy with standard errors for every parameter y of
     structure and ground motion. They need one reverse pass for each crossing of a line with the surface of
     failure. They leave out the parts of this surface across which the limit-state function G jumps; the share
     of these parts is `jumps`.
 
-    Raises `ValueError` for invalid arguments and, if the method needs design points, in the same cases as
-    `design_points`.
+    Raises `ValueError` for invalid arguments, if a scene does not finish and, if the method needs design
+    points, in the same cases as `design_points`.
     """
     owner = "failure_probability"
     check_arguments(owner, method, cov, seed, starts, max_scenes)

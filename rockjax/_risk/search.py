@@ -1,15 +1,15 @@
-"""Design points: the points of failure closest to the origin of standard normal space.
+"""Search for design points: the points of failure closest to the origin of standard normal space.
 
 Failure is G ≤ 0, with the limit state function G. For a direction e on the unit sphere, r(e) is the least
-distance at which the ray r·e fails. A design point is a local minimum of r(e). This search stays on the
+distance at which the ray r·e fails. A design point is a local minimum of r(e). The search stays on the
 surface of failure and does not need a continuous G: where the mode of failure changes, G jumps, but r is
-still defined. The searches from all starts advance together:
+still defined. Searches from several starting directions advance together:
 
 1. At the point r·e the gradient gives the normal a = −∇G/|∇G|, which is the direction of the design point of
    a linear G.
 2. Directions on the way from e to a, and somewhat beyond a, are evaluated, and the one with the least r is
    chosen.
-3. The search ends where e and a agree, or where none of these directions has a smaller r, even close to e.
+3. A search ends where e and a agree, or where none of these directions has a smaller r, even close to e.
    The latter happens at an edge, where G jumps.
 """
 
@@ -30,10 +30,10 @@ RAY_POSITIONS = 24  # number of positions on a full ray
 PARTIAL_RAY_POSITIONS = 10
 NARROWING_ROUNDS = 3  # number of rounds in which the interval of the first failure is narrowed
 PARTS = 8  # number of equal parts into which a round divides the interval
-# Evaluated fractions of the way to the normal, relative to the best fraction of the previous step. The best
-# direction may lie beyond the normal.
+# Evaluated fractions of the way from e to the normal, divided by the best fraction of the previous step. The
+# best direction may lie beyond the normal.
 FRACTIONS = np.array([1.5, 1.0, 0.5])
-MIN_FRACTION = 1 / 64  # smallest fraction of the way to the normal
+MIN_FRACTION = 1 / 64  # a search ends if it would need a smaller fraction of the way
 ALIGNED = 1e-9  # a search ends if 1 − cos of the angle between e and normal is below this value
 MAX_STEPS = 40  # largest number of steps of a search
 SAME_COSINE = 0.99  # two design points count as equal if the cosine of the angle between them is larger
@@ -42,11 +42,11 @@ SAME_COSINE = 0.99  # two design points count as equal if the cosine of the angl
 class DesignPoints(NamedTuple):
     """Design points, nearest first.
 
-    - `u`: the points, on the failing side, shape (k, d)
-    - `normal`: unit normals −∇G/|∇G|, shape (k, d)
-    - `beta`: |u|, shape (k,)
-    - `aligned`: True if u and the normal have the same direction (a smooth minimum); False at an edge where G
-      jumps, shape (k,)
+    - `u`: the points, which fail, shape (k, d)
+    - `normal`: unit normals −∇G/|∇G| at the points, shape (k, d)
+    - `beta`: distances |u| from the origin, shape (k,)
+    - `aligned`: True if u and the normal have the same direction (a smooth minimum); otherwise False, usually
+      at an edge where G jumps, shape (k,)
     """
 
     u: np.ndarray
@@ -64,7 +64,8 @@ class _Bracket(NamedTuple):
     G_high: np.ndarray  # G at `high`
 
     def root(self) -> np.ndarray:
-        """Return the root of the straight line between the ends; inf if there is no failure."""
+        """Return the root of the straight line through G at both ends (`high` if G is infinite at an end);
+        inf if there is no failure."""
         drop = self.G_low - self.G_high
         is_usable = np.isfinite(drop) & (drop > 0)
         fraction = np.where(is_usable, self.G_low / np.where(is_usable, drop, 1.0), 1.0)
@@ -88,7 +89,8 @@ def _bracket_failure(limit: AbstractLimitState, directions: np.ndarray, radii: n
 
 
 def _narrow(limit: AbstractLimitState, directions: np.ndarray, bracket: _Bracket) -> np.ndarray:
-    """Narrow brackets, and return the distances at which the rays fail; inf if there is no failure."""
+    """Narrow brackets, and return the distances at which rays fail, shape (m,); inf if there is no
+    failure."""
     low, high, G_low, G_high = (y.copy() for y in bracket)
     failing = np.flatnonzero(np.isfinite(high))
     for _ in range(NARROWING_ROUNDS):
@@ -121,8 +123,8 @@ def _narrow(limit: AbstractLimitState, directions: np.ndarray, bracket: _Bracket
 def distances(
     limit: AbstractLimitState, directions: np.ndarray, max_distance: float = MAX_BETA
 ) -> np.ndarray:
-    """Return the least distance at which each ray (m, d) fails, shape (m,); inf if there is no failure up to
-    `max_distance`."""
+    """Return the least distance at which each ray fails, shape (m,); inf if there is no failure up to
+    `max_distance`. The rays have the unit vectors `directions`, shape (m, d)."""
     radii = np.tile(np.linspace(0, max_distance, RAY_POSITIONS + 1)[1:], (len(directions), 1))
     return _narrow(limit, directions, _bracket_failure(limit, directions, radii))
 
@@ -136,12 +138,12 @@ def _unit(u: np.ndarray) -> np.ndarray:
 def design_points(
     limit: AbstractLimitState, starts: np.ndarray, max_distance: float = MAX_BETA
 ) -> DesignPoints:
-    """Return local minima of |u| on the limit state.
+    """Return local minima of |u| on the surface of failure.
 
     - `limit`: limit state; it must survive at u = 0
     - `starts`: starting directions, shape (s, d); only the first half is used if the limit state is mirrored,
-      G(−u) = G(u)
-    - `max_distance`: largest distance of a design point
+      i.e. G(−u) = G(u)
+    - `max_distance`: largest distance of a design point from the origin
     """
     if limit.mirrored:  # if u is a design point, −u is one too
         starts = starts[: (len(starts) + 1) // 2]
@@ -149,7 +151,7 @@ def design_points(
     # In high dimensions a random direction fails only far beyond the distance of a design point.
     ray_length = max(max_distance, START_FACTOR * np.sqrt(limit.dimension))
     r = distances(limit, e, ray_length)
-    # If a ray does not fail, its start is replaced by the direction of steepest descent of G.
+    # If a ray does not fail, its direction is replaced by that of the steepest descent of G near the origin.
     never_fails = ~np.isfinite(r)
     if never_fails.any():
         _, slope = limit.gradients(e[never_fails] * 1e-3)
@@ -170,7 +172,7 @@ def design_points(
 def _descend(limit: AbstractLimitState, e: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Move directions e and their distances r, in place, to local minima of r.
 
-    Returns the normals, shape (s, d), and a mask of the directions that agree with their normal, shape (s,).
+    Returns the normals, shape (s, d), and a mask of the directions that agree with the normal, shape (s,).
     """
     normal, aligned, fraction = e.copy(), np.zeros(len(e), bool), np.ones(len(e))
     has_moved = np.ones(len(e), bool)
@@ -200,7 +202,8 @@ def _descend(limit: AbstractLimitState, e: np.ndarray, r: np.ndarray) -> tuple[n
 
 
 def _step(limit: AbstractLimitState, e, r, normal, fraction) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return distance, direction and fraction of the nearest failure on the way from each e to its normal.
+    """Return the nearest failure in directions on the way from each e to its normal: distance, direction, and
+    fraction of the way.
 
     - `limit`: limit state
     - `e`, `r`: directions, shape (s, d), and the distances at which they fail, shape (s,)

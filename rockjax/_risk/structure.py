@@ -40,16 +40,21 @@ OPTIONS = Options(rtol=1e-9, atol=1e-11)
 
 
 class Limit(NamedTuple):
-    """Definition of failure: a peak reaches a value, or the podium overturns. G = 1 − peak/value."""
+    """Definition of failure: a peak reaches a value, or the podium overturns.
 
-    output: str  # name of the peak
-    value: float
+    G = 1 − peak/value; if only overturning is failure, G is the overturning margin.
+    """
+
+    output: str  # name of the peak in the answer of a scene; "margin" if only overturning is failure
+    value: float  # value of the peak at failure; not used for the margin
     request: str | AbstractOutput  # the output that computes the peak, as in `rockjax.Options`
 
 
 class _LimitKind(NamedTuple):
+    """A peak that users may limit."""
+
     output: str | AbstractOutput  # as in `rockjax.Options`
-    unit: str
+    unit: str  # unit, or definition, of the peak
     structure: str  # key of `STRUCTURES`: the kind of structure that has this output
 
 
@@ -81,10 +86,11 @@ def parse_limit(owner: str, limit: Any, podium: Podium | None = None) -> Limit:
     """Convert the argument `limit` to a `Limit`.
 
     - `owner`: function that error messages name
-    - `limit`: `"overturning"`, or a key of `LIMITS` and a value
+    - `limit`: `"overturning"`, or a tuple of a key of `LIMITS` and a number > 0
     - `podium`: structure that must have the output of the limit; None to omit this check
 
-    Raises `ValueError` for other values of `limit`, and if the podium does not have the output.
+    Raises `ValueError` for other values of `limit`, for traced numbers, and if the podium does not have the
+    output.
     """
     if isinstance(limit, str) and limit == "overturning":
         return Limit("margin", 1.0, "margin")
@@ -106,7 +112,11 @@ def parse_limit(owner: str, limit: Any, podium: Podium | None = None) -> Limit:
 
 
 class StructureLimitState(AbstractLimitState):
-    """Limit state of a podium under the motions of a `GaussianMotion`."""
+    """Limit state of a podium under the motions of a `GaussianMotion`.
+
+    - `podium`: structure; `motion`: model of its ground motions; `limit`: definition of failure
+    - `options`: options of the scenes; `outputs` and `throw` are replaced
+    """
 
     def __init__(self, podium: Podium, motion: GaussianMotion, limit: Limit, options: Options = OPTIONS):
         super().__init__(motion.dimension)
@@ -125,16 +135,18 @@ class StructureLimitState(AbstractLimitState):
         return np.concatenate(answers)[: len(u)]
 
     def _batch_values(self, u: np.ndarray) -> np.ndarray:
-        """Return G at the rows of u, at most `BATCH`; NaN for a scene that does not finish."""
+        """Return G (m,) at the rows of u (m, d), m ≤ `BATCH`; NaN for scenes that do not finish."""
         peaks = self._peaks(u)
         value = _limit_value(getattr(peaks, self.limit.output), peaks.overturned, self.limit)
         unfinished = results.did_not_finish(np.asarray(results.code_of(peaks.result)))
         return np.where(unfinished, np.nan, np.asarray(value))
 
     def _peaks(self, u: np.ndarray, names: Sequence[str] = (), *outputs: str):
-        """Return the peaks at the rows of u, at most `BATCH`, with sensitivities to the parameters `names`.
+        """Return the peaks of the scenes that the rows of u determine.
 
-        `outputs` are requested in addition to the output of the limit.
+        - `u`: points, shape (m, d), m ≤ `BATCH`
+        - `names`: parameters of the podium, or `"scale"`, for sensitivities
+        - `outputs`: outputs that are requested in addition to the output of the limit
         """
         padded = np.concatenate([u, np.zeros((BATCH - len(u), self.dimension))])
         records = records_from_samples(self.motion, as_float(padded)).pick(np.arange(len(u), dtype=np.int32))
@@ -147,10 +159,11 @@ class StructureLimitState(AbstractLimitState):
         - `u`: points, shape (m, d)
         - `names`: names of parameters of the podium
 
-        Returned are G (m,), its derivative with respect to ln|u| at fixed direction of u (m,), and its
-        derivatives with respect to the logarithms of the parameters (m, names).
+        Returns G (m,), the derivative of G with respect to ln|u| at fixed direction of u (m,), and the
+        derivatives of G with respect to the logarithms of the parameters (m, names).
         """
-        # Without a pulse, the derivative with respect to ln|u| is a sensitivity to the scale of the motion.
+        # Without a pulse, the motion is proportional to |u|, so the derivative with respect to ln|u| is the
+        # sensitivity to the scale of the motion.
         scale_name = () if self.motion.pulse is not None else ("scale",)
         if len(u) == 0:
             return np.zeros(0), np.zeros(0), np.zeros((0, len(names)))
@@ -163,7 +176,8 @@ class StructureLimitState(AbstractLimitState):
         return value, np.sum(slope * u, axis=1), slopes
 
     def _log_slopes(self, u: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
-        """Return G (m,) and its derivatives with respect to logarithms of parameters, (m, names)."""
+        """Return G (m,), and the derivatives of G with respect to the logarithms of named parameters,
+        (m, names)."""
         peaks = self._peaks(u, names)
         slopes = np.asarray(getattr(peaks.sensitivities, self.limit.output))
         value = np.asarray(getattr(peaks, self.limit.output))
@@ -199,8 +213,8 @@ class StructureLimitState(AbstractLimitState):
         impacts = np.asarray(self._peaks(u).impacts)
         if not np.isnan(impacts).any():
             return impacts
-        # NaN marks scenes that did not finish, and scenes that ended as soon as their requested outputs were
-        # final, before the last impact. Impacts are therefore requested as well.
+        # NaN marks scenes that did not finish, and also scenes that ended before their last impact because
+        # all requested outputs were final. If impacts are requested too, only unfinished scenes have NaN.
         return np.asarray(self._peaks(u, (), "impacts").impacts)
 
 
@@ -213,15 +227,18 @@ def records_from_samples(motion: GaussianMotion, u: Float[Array, "k d"]) -> Reco
 
 
 def _limit_value(value, overturned, limit: Limit):
-    """Return G, computed from a peak of the scene and the flag `overturned`; G ≤ 0 if and only if the podium
-    fails.
+    """Return G, which is ≤ 0 if and only if the podium fails.
 
-    For several modes, stories, floors or joints, the largest peak counts.
+    - `value`: the peak that `limit` names; if it has a last axis of modes, stories, floors or joints, the
+      largest counts
+    - `overturned`: whether the scene overturned
+    - `limit`: definition of failure
     """
     xp = array_module(value, overturned)
     if np.ndim(value) > np.ndim(overturned):
         value = xp.max(xp.asarray(value), axis=-1)
     if limit.output == "margin":
+        # A margin that rounds to zero without overturning must not count as failure.
         return xp.where(overturned, xp.minimum(value, 0.0), xp.maximum(value, 1e-300))
     margin = 1 - xp.divide(value, limit.value)
     return xp.where(overturned, xp.minimum(margin, 0.0), margin)
@@ -230,7 +247,8 @@ def _limit_value(value, overturned, limit: Limit):
 def _value_and_slopes(
     u: Float[Array, "k d"], podium: Podium, motion: GaussianMotion, options: Options, limit: Limit
 ):
-    """Return G (k,), ∇G (k, d), and a list of the derivatives of G with respect to all parameters."""
+    """Return G (k,), ∇G (k, d), and the derivatives of G with respect to all parameters of podium and motion,
+    as a list of arrays."""
     parameters, static = eqx.partition((podium, motion), eqx.is_inexact_array)
 
     def G(u, parameters):
@@ -247,7 +265,7 @@ _slopes = StoredProgram(_value_and_slopes)
 
 
 def _by_location(*slopes: Any) -> dict[str, np.ndarray]:
-    """Return derivatives, shape (k,) each, by the location of the parameter in podium or motion.
+    """Return the derivatives in trees of derivatives, shape (k,) each, by the location of the parameter.
 
     Locations are in Python notation: `alpha`, `restrainers[0].prestress`, `superstructure.masses[2]`.
     """

@@ -107,7 +107,7 @@ def test_motions_are_their_own():
         (lambda m: rj.synthetic_motions(0, seed=1), ["count", ">= 1"]),
         (lambda m: rj.synthetic_motions(1, seed=-1), ["seed", ">= 0"]),
         (lambda m: rj.synthetic_motions(1, seed=1, dt=0.0), ["dt", "> 0"]),
-        (lambda m: rj.synthetic_motions(1, seed=1, duration=0.1), ["50 dt"]),
+        (lambda m: rj.synthetic_motions(1, seed=1, duration=0.1), ["at least 49 dt (50 samples)"]),
         (lambda m: rj.synthetic_motions(1, seed=1, envelope_end=1.0), ["envelope_end", "< 1"]),
         (
             lambda m: rj.synthetic_motions(1, seed=1, pulse=rj.MavroeidisPapageorgiou(1.0, 0.05)),
@@ -399,7 +399,7 @@ def test_a_table_is_a_suite(folder, suite):
         ("file,scale\na.csv,big\n", [":2:", "scale", "'big'"]),
         ("file,scale\na.csv,inf\n", [":2:", "scale", "'inf'"]),
         ("file,scale\na.csv,1,2\n", [":2:", "3 cells", "2 headings"]),
-        ("file,scale\n,1\n", [":2:", "file is missing"]),
+        ("file,scale\n,1\n", [":2:", "the cell of the column 'file' is empty"]),
         (
             "file,units\nb.AT2,gal\nc.AT2,\n",
             ["2 of 2 files", "the unit as g", "c.AT2: the file cannot be"],
@@ -415,7 +415,9 @@ def test_tables_that_cannot_be_read_say_why(folder, text, words):
     assert str(error.value).startswith(str(table))
     for word in words:
         assert word in str(error.value)
-    with pytest.raises(ValueError, match="pattern applies to folders, but this is a file; leave pattern out"):
+    with pytest.raises(
+        ValueError, match="pattern applies to folders, but this is not a folder; leave pattern out"
+    ):
         rj.read_suite(table, pattern="*")
 
 

@@ -86,7 +86,7 @@ def test_a_table_of_pulses(tmp_path):
     [
         ("A,f_p,gamma,nu\n", "has no pulses"),
         ("A,f_p,gamma\n1,1,2\n", "column nu or nu_deg is missing"),
-        ("A,f_p,gamma,nu\n1,fast,2,0\n", "pulse 1: f_p must be a number, got 'fast'"),
+        ("A,f_p,gamma,nu\n1,fast,2,0\n", "pulse 1: f_p must be a finite number, got 'fast'"),
         ("A,f_p,gamma,nu\n1,1,0.5,0\n", "gamma must be finite and > 1"),
     ],
 )

@@ -324,6 +324,14 @@ def test_hazards_of_openquake(tmp_path):
     # Points with probabilities 0 or 1 contain no information.
     np.testing.assert_allclose(second.intensity, np.array([0.1, 0.4, 2.0]) * 9.80665)
     assert first.measure == "Sa(0.5 s)"
+    lines = OPENQUAKE.splitlines(keepends=True)
+    for text, words in (
+        ("".join(lines[:2]), "the file has headings, but no curve below them"),
+        (OPENQUAKE.replace("poe-0.4", "poe-few"), ":2: expected a number in column 6, got 'few"),
+    ):
+        path.write_text(text)
+        with pytest.raises(ValueError, match=words):
+            rj.Hazard.from_file(path, site=0)
 
 
 def test_fragilities_are_written_for_openquake_and_read_back(tmp_path):
@@ -424,7 +432,7 @@ def test_limits_do_not_come_from_the_range_of_a_picture(tmp_path):
     ("attributes", "words"),
     [
         ('noDamageLimit="0,1"', "A: attribute noDamageLimit must be a number, got '0,1'; write its decimal"),
-        ('minIML="-0.1" maxIML="5"', "A: attribute minIML must be >= 0, got '-0.1'"),
+        ('minIML="-0.1" maxIML="5"', "A: attribute minIML must be finite and >= 0, got '-0.1'"),
         ('minIML="5" maxIML="5"', "A: minIML 5 must be below maxIML 5"),
         ('noDamageLimit="6" maxIML="5"', "A: noDamageLimit 6 must be below maxIML 5"),
         ('imlUnit="m/s2"', "A: imlUnit must be 'g'.*got 'm/s2'"),

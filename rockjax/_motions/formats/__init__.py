@@ -40,7 +40,7 @@ def parse(path: Path, content: bytes, component: Component) -> Samples:
     - `content`: bytes of the file
     - `component`: number or name of a channel, if the file has several
 
-    Raises `ValueError` that names the file, the line and the cause.
+    Raises `ValueError` that names the file, the cause and, where possible, the line.
     """
     suffix = path.suffix.lower()
     if suffix in waveforms.WAVEFORMS:

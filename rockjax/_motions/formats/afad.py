@@ -1,4 +1,5 @@
-"""Text files of AFAD (Turkey) and its predecessor, the Earthquake Department: three columns of components."""
+"""Text files of AFAD (Turkey) and of its predecessor, the Earthquake Department, with a column for each
+component."""
 
 from __future__ import annotations
 
@@ -62,9 +63,9 @@ def _read_afad(path: Path, lines: list[str], component: Component) -> Samples:
 
 
 def _unit(peaks: str, name: str, values: np.ndarray) -> str | None:
-    """Return "gal" if a column's peak equals the peak in the header, which is in gal; otherwise None.
+    """Return "gal" if the peak of a component equals the peak in the header, which is in gal; otherwise None.
 
-    - `peaks`: text of the header with the peaks of all components
+    - `peaks`: text in the header with the peaks of all components
     - `name`: name of the component
     - `values`: samples of the component
     """

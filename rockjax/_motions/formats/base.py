@@ -1,6 +1,7 @@
-"""Types of the readers, and functions that parse numbers and choose channels.
+"""Common parts of the readers of file formats: types, and functions that parse numbers and choose channels.
 
-An error in a file raises a `ValueError` of one line: file, line number if there is one, and cause.
+An error in a file raises a `ValueError` with a message of one line: file, line number if there is one, and
+cause.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 from rockjax._motions.components import is_vertical, points_down
 from rockjax._units import ACCELERATIONS, unit_of
 
-TIME_TOLERANCE = 1e-3  # allowed error of times in a file, divided by the step
+TIME_TOLERANCE = 1e-3  # allowed error of times in a file, divided by the sampling interval
 NUMBER = r"[\d.]+(?:[ED][+-]?\d+)?"
 DATE = re.compile(r"(?<!\d)(\d{1,4}[/-]\d{1,2}[/-]\d{1,4})(?!\d)")
 # Fortran omits the E before exponents of three digits, and numbers may touch if they fill their columns. An
@@ -28,19 +29,19 @@ _TOUCHING = re.compile(rf"\s*({_MANTISSA}{_EXPONENT}|{_MANTISSA}(?=[\s+-]|$))", 
 _MISSING = {"nan", "na", "n/a", "<na>", "nil", "none", "null", "-", "--", ""}  # words for missing values
 _RAW = re.compile(r"(?<![a-z])(?:un-?corrected|un-?processed|raw|volume 1|not removed)(?![a-z])", re.I)
 _FORTRAN = re.compile(r"\((\d{1,3})[FEI](\d{1,3})(?:\.\d+)?\)", re.I)
-Component = int | str | None  # number or name of a channel; None if the file has one only
+Component = int | str | None  # number or name of a channel; None selects the only channel of a file
 
 
 @dataclasses.dataclass
 class Samples:
     """Samples of a file."""
 
-    values: np.ndarray  # in the unit of the file
+    values: np.ndarray  # samples in the unit of the file, shape (n,)
     dt: float | None  # sampling interval [s]; None if the file does not state it
-    units: str | None  # key of the unit; None if the file states no known unit of acceleration
-    metadata: dict[str, Any]
-    stated_unit: str | None = None  # unit as written in the file
-    dt_statement: str = ""  # for messages: location and value of the interval, or why the file has none
+    units: str | None  # key in `ACCELERATIONS`; None if the file states no known unit of acceleration
+    metadata: dict[str, Any]  # contents of the header
+    stated_unit: str | None = None  # unit as written in the file; None if the file states no unit
+    dt_statement: str = ""  # for messages: location and value of `dt`, or the reason why it is None
     unit_location: str = ""  # location of the unit in the file; empty for the header
     raw_location: str = ""  # location of the statement that the samples are raw, such as "line 3"
 
@@ -56,7 +57,8 @@ class Format(NamedTuple):
 
 
 def require_only_component(path: Path, component: Component, samples: Samples) -> Samples:
-    """Return the samples of a file with one channel; raise `ValueError` if another component is requested."""
+    """Return the samples of a file with one channel. Raises `ValueError` if another component is
+    requested."""
     component_name = samples.metadata.get("component")
     if component is not None and (
         component_name is None or not _names_component(component, str(component_name))
@@ -154,8 +156,8 @@ def _parse(word: str) -> float | None:
 
 
 def _cause(word: str) -> str:
-    """Return the end of a message: the probable reason why a word is not a number, or the cure; empty if
-    neither is known."""
+    """Return the end of a message about a word that is not a number: the probable reason or the cure; empty
+    if neither is known."""
     if word.casefold() in _MISSING:
         return " (a missing value)"
     if set(word) == {"*"}:
@@ -168,7 +170,7 @@ def _cause(word: str) -> str:
 
 
 def abbreviate(word: str) -> str:
-    """Return the representation of a string, limited to 40 characters."""
+    """Return a string in quotes, shortened to 40 characters."""
     return repr(word if len(word) <= 40 else word[:37] + "...")
 
 
@@ -186,7 +188,8 @@ def parse_interval(path: Path, line: int, word: str, name: str) -> float:
 
 
 def unit_key(stated_unit: str | None) -> str | None:
-    """Return the key of a stated unit; None if it is not a known unit of acceleration."""
+    """Return the key in `ACCELERATIONS` of a unit as written in a file; None if it is not a known unit of
+    acceleration."""
     key = unit_of(stated_unit)
     return key if key in ACCELERATIONS else None
 
@@ -206,7 +209,8 @@ def require_count(path: Path, line: int, name: str, count: int, values: list[flo
 
 
 def read_numbers(path: Path, lines: list[str], start: int) -> list[float]:
-    """Return all numbers from line index `start` on, separated by blanks or in columns that touch."""
+    """Return all numbers in the lines from the index `start` on, separated by blanks or in columns that
+    touch."""
     numbers: list[float] = []
     for i, line in enumerate(lines[start:], start=start + 1):
         row = line.split()
@@ -239,11 +243,11 @@ def fixed_width(path: Path, lines: list[str], start: int, count: int, text: str)
     """Return numbers in columns of fixed width, which may touch.
 
     - `path`, `lines`: path and lines of the file
-    - `start`: index of the first line with numbers; the line before it states the format
+    - `start`: index of the first line with numbers; messages about format and count name the line before it
     - `count`: number of values to read
-    - `text`: text with the Fortran format, such as (8F10.4); without a format, eight columns of width 10
+    - `text`: text with the Fortran format, such as (8F10.4); without a format, eight columns of 10 characters
 
-    Raises `ValueError` for a wrong number of columns or values.
+    Raises `ValueError` for a wrong number of columns or values, and for a format without columns.
     """
     match = _FORTRAN.search(text)
     per_line, width = (int(match[1]), int(match[2])) if match else (8, 10)

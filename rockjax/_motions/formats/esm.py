@@ -50,6 +50,7 @@ def _read_esm(path: Path, lines: list[str], component: Component) -> Samples:
     dt = parse_interval(path, step_line, step, "SAMPLING_INTERVAL_S")
     stated_unit = header["UNITS"][1]
     facts = {key: value for key, (_, value) in header.items() if value}
+    # `filter_corners` takes a match with both frequencies, so they are joined to one text.
     metadata: dict[str, Any] = {
         "format": "ESM",
         "event": " ".join(facts.get(key, "") for key in ("EVENT_NAME", "EVENT_ID")).strip(),
@@ -75,7 +76,7 @@ def _read_esm(path: Path, lines: list[str], component: Component) -> Samples:
 
 
 def _is_raw(text: str) -> bool:
-    """Return True if the text of a key states that data are uncorrected, or that there was no processing."""
+    """Return True if the value of a key states that data are uncorrected, or that there was no processing."""
     return is_raw(text) or text.strip().casefold() == "none"
 
 

@@ -79,7 +79,7 @@ def _read_geonet(path: Path, lines: list[str], component: Component) -> Samples:
 
 
 def _line(lines: list[str], k: int) -> str:
-    """Return line k; empty beyond the end."""
+    """Return the line with index k; an empty string beyond the last line."""
     return lines[k] if k < len(lines) else ""
 
 

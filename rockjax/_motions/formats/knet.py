@@ -18,12 +18,14 @@ from .base import (
     require_only_component,
 )
 
-_KEY_WIDTH = 18  # width of the keys in the header
+_KEY_WIDTH = 18  # number of characters of a key in the header, with blanks
+# Directions in the header of KiK-net ↦ names of components: 1 in the borehole, 2 at the surface.
 _KIKNET = dict(zip("123456", ("NS1", "EW1", "UD1", "NS2", "EW2", "UD2"), strict=True))
 
 
 def _read_knet(path: Path, lines: list[str], component: Component) -> Samples:
-    """Read K-NET and KiK-net: a header up to Memo., then counts, which a scale factor converts to gal."""
+    """Read K-NET and KiK-net: a header that ends with the line Memo., and raw counts, which a scale factor of
+    the header converts to gal."""
     header: dict[str, tuple[int, str]] = {}  # key ↦ line number, value
     for k, line in enumerate(lines):
         header[line[:_KEY_WIDTH].strip()] = k + 1, line[_KEY_WIDTH:].strip()

@@ -47,7 +47,7 @@ def _is_peer(path: Path, lines: list[str]) -> bool:
 
 
 def _read_at2(path: Path, lines: list[str]) -> Samples:
-    """Return the samples of a file; its header ends with the line of NPTS and DT."""
+    """Return the samples of a file, whose header ends with the line of NPTS (number of samples) and DT."""
     matches = [
         (k, match) for k, line in enumerate(lines[:_SEARCHED_LINES]) if (match := _count_and_step(line))
     ]

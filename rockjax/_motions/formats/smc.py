@@ -13,12 +13,14 @@ _TITLES = re.compile(
     r"([0-6]) (UNKNOWN|UNCORRECTED ACCELEROGRAM|CORRECTED ACCELEROGRAM|VELOCITY|DISPLACEMENT|.*SPECTRA.*)\s*$"
 )
 _TEXT_LINES, _INTEGER_LINES, _REAL_LINES = 11, 6, 10  # number of lines of text, integers and reals
-_COMMENTS_INDEX, _COUNT_INDEX = 15, 16  # indices of the numbers of comments and samples among the integers
-_RATE_INDEX = 1  # index of the number of samples per second among the reals
+# Indices, among the 48 integers, of the number of comment lines and of the number of samples.
+_COMMENTS_INDEX, _COUNT_INDEX = 15, 16
+# Indices, among the 50 reals, of the number that marks missing values and of the samples per second.
+_MISSING_INDEX, _RATE_INDEX = 0, 1
 
 
 def _read_smc(path: Path, lines: list[str], component: Component) -> Samples:
-    """Read SMC: 11 lines of text, 48 integers, 50 reals, comments, and samples in eight columns [cm/s²]."""
+    """Read SMC: 11 lines of text, 48 integers, 50 reals, comment lines, and samples in 8 columns [cm/s²]."""
     title = _TITLES.match(lines[0])
     if title is None or title[1] != "2":
         content = title[2].strip().lower() if title else "?"
@@ -37,12 +39,13 @@ def _read_smc(path: Path, lines: list[str], component: Component) -> Samples:
     )
     if comments < 0 or count < 2:
         raise ValueError(
-            f"{path}:{_TEXT_LINES + 2}: integers 16 and 17, the numbers of comments and samples, must be "
-            f">= 0 and >= 2, got {comments} and {count}"
+            f"{path}:{_TEXT_LINES + 2}: integer 16, the number of comment lines, must be >= 0, and integer "
+            f"17 (in the next line), the number of samples, must be >= 2; got {comments} and {count}"
         )
-    if not (0 < rate < 1e5 and rate != reals[0]):
+    if not (0 < rate < 1e5 and rate != reals[_MISSING_INDEX]):
         raise ValueError(
-            f"{path}:{reals_start + 1}: real 2, the samples per second, must be > 0 and < 1e5, got {rate:g}"
+            f"{path}:{reals_start + 1}: real 2, the samples per second, must be > 0, < 1e5, and not the mark "
+            f"of missing values (real 1); got {rate:g}"
         )
     station = re.search(r"station\s*=\s*(.*?)\s*component\s*=\s*(.*?)\s*$", lines[5], re.I)
     event = lines[3].split(None, 4)

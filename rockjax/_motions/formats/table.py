@@ -30,8 +30,8 @@ from .base import (
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[ED][+-]?\d+)?", re.I)
 _NUMBER_LIKE = re.compile(r"[+-]?[.,]?\d|[+-]?(?:nan|inf|infinity)$|\*", re.I)
 _FLOAT32 = 1.2e-7  # relative spacing of float32
-_MAX_ROUNDING = 0.25  # largest deviation of times that counts as rounding, divided by the step
-_MAX_ROUNDING_LONG = 2.0  # the same limit for long records, whose mean step is accurate despite the rounding
+_MAX_ROUNDING = 0.25  # largest deviation of times that counts as rounding, divided by the mean step
+_MAX_ROUNDING_LONG = 2.0  # the same for long records, whose mean step is accurate despite the rounding
 _MAX_HEADINGS = 3  # largest number of lines of headings
 
 
@@ -39,15 +39,15 @@ class _Table(NamedTuple):
     """A table of numbers."""
 
     rows: np.ndarray  # the numbers, shape (rows, columns)
-    line_numbers: list[int] | None = None  # line of each row
-    cells: list[list[str]] | None = None  # text of the rows
+    line_numbers: list[int] | None = None  # line number of each row; None for an array of NumPy
+    cells: list[list[str]] | None = None  # cells of each row as text; None for an array of NumPy
     headings: list[Heading] | None = None  # heading of each column; None without headings
-    heading_line: int = 0  # line of the last heading
-    raw_location: str = ""  # location of the statement that the data are raw
+    heading_line: int = 0  # number of the last line of headings; 0 without headings
+    raw_location: str = ""  # location of the statement that the data are raw; empty if there is none
 
 
 def _load_array(path: Path) -> np.ndarray:
-    """Return the array in a .npy file, with two axes."""
+    """Return the array in a .npy file, with the axes (rows, columns)."""
     try:
         array = np.load(path, allow_pickle=False)
     except (ValueError, OSError, EOFError) as error:
@@ -129,7 +129,8 @@ def _parse_headings(path: Path, lines: list[tuple[int, str]], count: int) -> lis
 
 
 def _headings_of_comment(path: Path, text: str, line: int, count: int) -> list[Heading] | None:
-    """Return the headings in a comment above the numbers, as NumPy writes them; None if there are none."""
+    """Return the headings in the last comment above the numbers, as `numpy.savetxt` writes them; None if the
+    comment contains no headings."""
     cells = _split_headings(text, count)
     if cells is None or len(text.split()) > 4 * count:
         return None
@@ -142,7 +143,7 @@ def _headings_of_comment(path: Path, text: str, line: int, count: int) -> list[H
 
 
 def _parse_table(path: Path, lines: list[str]) -> _Table:
-    """Parse a table of numbers with its headings. Raises `ValueError` that names the line."""
+    """Parse a table of numbers with its headings. Raises `ValueError` that names the file and the line."""
     rows: list[list[float]] = []
     line_numbers: list[int] = []
     cells_of_rows: list[list[str]] = []
@@ -192,7 +193,8 @@ def _parse_table(path: Path, lines: list[str]) -> _Table:
 
 
 def _choose_samples(path: Path, table: _Table, component: Component) -> Samples:
-    """Return the acceleration in a table, and the sampling interval if the table has a column of times."""
+    """Return the samples of the requested component in a table, and the sampling interval if the table has a
+    column of times."""
     rows, headings = table.rows, table.headings
     columns = range(rows.shape[1])
     kinds = [heading.kind for heading in headings] if headings else _guess_kinds(path, rows, component)
@@ -250,7 +252,7 @@ def _direction(quantity: str) -> str:
 def _guess_kinds(path: Path, rows: np.ndarray, component: Component) -> list[str]:
     """Return the kinds of the columns of a table without headings.
 
-    All columns are accelerations, except that the first may be times or sample numbers.
+    The first column may be times or sample numbers; all other columns are accelerations.
     """
     count = rows.shape[1]
     if count == 1:
@@ -270,14 +272,15 @@ def _guess_kinds(path: Path, rows: np.ndarray, component: Component) -> list[str
 
 
 def _is_rising(values: np.ndarray) -> bool:
-    """Return True if values rise in steps that differ by less than a factor of 2, as times do."""
+    """Return True if values rise, and their steps differ by less than a factor of 2, like those of times."""
     steps = np.diff(values)
     return bool(len(steps) and steps.min() > 0 and steps.max() < 2 * steps.min())
 
 
 def _last_digit(times: list[str], values: np.ndarray) -> float:
-    """Return the size of the last digit of times, in their unit; 0 if all times are 0. The times are assumed
-    to have the same number of decimals, or of significant digits.
+    """Return the size of the last digit of times, in the unit of the times; 0 if all times are 0.
+
+    All times are assumed to have the same number of decimals, or the same number of significant digits.
 
     - `times`, `values`: the times as texts and as numbers
     """
@@ -301,8 +304,8 @@ def _interval(path: Path, table: _Table, factor: float, column: int) -> float | 
 
     - `path`: path of the file, for messages
     - `table`: the table
-    - `factor`: unit of the times [s]
-    - `column`: index of the column
+    - `factor`: unit of the times in the table [s]
+    - `column`: index of the column of times
 
     Raises `ValueError` unless the times are equally spaced within their rounding.
     """
@@ -315,6 +318,7 @@ def _interval(path: Path, table: _Table, factor: float, column: int) -> float | 
     rounding = _last_digit([cells[column] for cells in table.cells], values) if table.cells else 0.0
     digit = max(rounding, _FLOAT32 * float(np.abs(values).max()))
     allowed = max(TIME_TOLERANCE * step, min(digit, _MAX_ROUNDING * step))
+    # Times of a long record may be rounded to more than a step; their mean step is then still accurate.
     if (
         digit <= _MAX_ROUNDING_LONG * step
         and digit < TIME_TOLERANCE * (values[-1] - values[0])
@@ -340,12 +344,12 @@ def _interval(path: Path, table: _Table, factor: float, column: int) -> float | 
 
 
 def _simplest_step(values: np.ndarray, step: float, digit: float, factor: float) -> float:
-    """Return the step of rounded times whose inverse, the sampling rate, has the fewest decimals.
+    """Return the step of rounded times for which the sampling rate [Hz] has the fewest decimals.
 
     - `values`: the times
     - `step`: mean step of the times, returned if no rate with at most four decimals fits about as well
-    - `digit`: unit of the last digit of the times
-    - `factor`: unit of the times [s]
+    - `digit`: size of the last digit of the times
+    - `factor`: unit of `values`, `step`, `digit` and of the result [s]
     """
     k, rate = np.arange(len(values)), 1 / (factor * step)
     allowed = min(digit, 1.2 * float(np.ptp(values - step * k))) + 1e-15 * float(np.abs(values).max())
@@ -356,7 +360,7 @@ def _simplest_step(values: np.ndarray, step: float, digit: float, factor: float)
 
 
 def read_array(path: Path, component: Component) -> Samples:
-    """Return the samples in a .npy file."""
+    """Return the samples of the requested component in a .npy file, without a unit."""
     return _choose_samples(path, _Table(_load_array(path)), component)
 
 

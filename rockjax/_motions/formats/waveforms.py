@@ -23,13 +23,14 @@ WAVEFORMS = {".mseed": "MSEED", ".miniseed": "MSEED", ".sac": "SAC", ".gse2": "G
 
 
 def read(path: Path, content: bytes, component: Component) -> Samples:
-    """Return the samples of a channel, read by ObsPy, without a unit.
+    """Read the samples of a channel with ObsPy, without a unit.
 
     - `path`: path of the file, for its suffix and for messages
     - `content`: bytes of the file
-    - `component`: number or name of a channel, if the file has several
+    - `component`: number or name of a channel, if the file has several; otherwise None
 
-    Raises `ValueError` if ObsPy is not installed or cannot read the file, or if the channel has gaps.
+    Raises `ValueError` if ObsPy is not installed or cannot read the file, or if the channel has gaps,
+    overlaps or a sampling interval that changes.
     """
     try:
         with warnings.catch_warnings():

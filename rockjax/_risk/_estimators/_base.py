@@ -66,7 +66,8 @@ class AbstractEstimator(abc.ABC):
         """Return the estimate from all rounds so far."""
 
     def slopes(self) -> ProbabilitySlopes | None:
-        """Return dP/dy from the samples so far; None if the limit state or the method has none."""
+        """Return dP/dy for the named parameters y, from the samples so far; None if the limit state has no
+        named parameters, or if the method does not compute derivatives."""
         return None
 
     def has_converged(self, estimate: ProbabilityEstimate, cov: float) -> bool:
@@ -77,7 +78,7 @@ class AbstractEstimator(abc.ABC):
         return self.rounds >= MIN_ROUNDS and estimate.effective >= MIN_EFFECTIVE and estimate.cov <= cov
 
     def has_light_tail(self) -> bool:
-        """Return False if a few contributions dominate the sum, so that their spread does not measure the
+        """Return False if a few contributions dominate the sum. Their spread then does not measure the
         error."""
         return True
 
@@ -92,8 +93,8 @@ class AbstractEstimator(abc.ABC):
 
         - `cov`: coefficient of variation to reach
         - `max_scenes`: number of scenes after which no further round begins
-        - `first`: number of scenes of the first round. The size of later rounds follows from the last
-          estimate; it is at most three times the number of scenes so far
+        - `first`: approximate number of scenes of the first round. The size of later rounds follows from the
+          last estimate; it is at most three times the number of scenes so far
         - `report`: function that receives the estimate after each round
 
         Returns the last estimate.

@@ -29,10 +29,11 @@ from ._base import AbstractMean
 
 ORIGIN_WEIGHT = 0.1  # weight w_0 of the density around the origin
 BATCH = 4096  # number of samples in memory at once
-# Failures with larger weights are far from all design points; near a point, weights are about Φ(−β).
+# Failures with larger weights are far from all design points; near a design point, weights are about Φ(−β).
 FAR_WEIGHT = 1.0
-SEARCHES = 4  # largest number of starts of the search in a round
-TAIL_FACTOR = 3.0  # number of weights in the fit divided by √n; at most a fifth of all n weights
+SEARCHES = 4  # largest number of starting points of the search in a round
+# The tail is fitted to the largest weights: this factor times √n, but at most a fifth, of the n weights.
+TAIL_FACTOR = 3.0
 MIN_TAIL = 10  # smallest number of weights in the fit; with fewer, the tail is taken to be light
 MAX_SHAPE = 0.7  # largest shape k of a light tail
 MAX_EXTENSIONS = 3  # largest number of extensions of the mixture
@@ -47,7 +48,7 @@ class Importance(AbstractMean):
         self._set_mixture(points)
 
     def _set_mixture(self, points: DesignPoints) -> None:
-        """Set the mixture of these design points and discard all samples."""
+        """Make the mixture of these design points the sampling density, and discard all samples."""
         self.points = points
         share = scipy.stats.norm.cdf(-points.beta)
         weights = share / share.sum() if share.sum() > 0 else np.full(share.size, 1 / share.size)

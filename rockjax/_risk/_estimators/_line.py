@@ -3,11 +3,11 @@
 A line with the direction α_i of a design point contributes the normal probability of its failing segments.
 All crossings with the surface of failure count, so survival windows are included. Several design points
 divide space into regions: u belongs to the region of the design point with the largest α_i·u − β_i. Each line
-ends at the boundary of its region, so no failing segment is counted twice or omitted.
+ends at the boundary of the region, so no failing segment is counted twice or omitted.
 
 If a parameter y of the structure or the motion changes, the crossings move. The derivative of the probability
 is dP/dy = −E Σ φ(c) (∂G/∂y)/|∂G/∂c|, summed over the crossings c of a line, with the mean E over the lines
-and the standard normal density φ. Where G jumps across zero, its derivatives do not determine how the
+and the standard normal density φ. Where G jumps across zero, the derivatives of G do not determine how the
 crossing moves.
 """
 
@@ -25,10 +25,11 @@ from ._base import AbstractEstimator, ProbabilityEstimate, ProbabilitySlopes, lo
 
 FINE_RANGE = 2.5  # positions on a line are closer together within this distance of β
 FINE_STEP, COARSE_STEP = 0.3, 0.8  # largest distance between positions within this range and elsewhere
-HALF_LENGTH = 7.5  # half of the length of a line; Φ(−7.5) is 3e-14
+HALF_LENGTH = 7.5  # a full line extends from c = −HALF_LENGTH to at least HALF_LENGTH; Φ(−7.5) is 3e-14
 LINE_SCENES = 40  # approximate number of scenes for a line
 BATCH = 128  # number of lines in memory at once
-MAX_RESIDUAL = 1e-3  # G jumps at a crossing if |G| on the failing side exceeds this multiple of |∂G/∂c|
+# G counts as jumping at a crossing if |G| on the failing side exceeds this multiple of |∂G/∂c|.
+MAX_RESIDUAL = 1e-3
 
 
 class _SurfacePoints(NamedTuple):
@@ -42,10 +43,11 @@ class _SurfacePoints(NamedTuple):
 
 
 class _Lines(NamedTuple):
-    """Lines u + cα parallel to the direction α of a design point, for c ≥ `low`, inside its region."""
+    """Lines u + cα parallel to the direction α of a design point. The part with c ≥ `low` is inside the
+    region of this design point."""
 
     u: np.ndarray  # points normal to α, shape (m, d)
-    low: np.ndarray  # least c, shape (m,)
+    low: np.ndarray  # least c inside the region, shape (m,)
     region: np.ndarray  # index of the design point, shape (m,)
     line: np.ndarray  # index of the line among the lines of this design point, shape (m,)
 
@@ -54,8 +56,8 @@ class Line(AbstractEstimator):
     """Line sampling.
 
     - `directions`: unit vectors of the design points, shape (points, d)
-    - `contributions`: probabilities of the lines of each design point
-    - `surface_points`: crossings of all lines, in batches
+    - `contributions`: for each design point, the probability of the failing segments of each of its lines
+    - `surface_points`: crossings of all lines with the surface of failure, in batches
     """
 
     def __init__(self, limit, points, rng):
@@ -80,7 +82,8 @@ class Line(AbstractEstimator):
             self._scan_positions(low, max(HALF_LENGTH, b + FINE_RANGE), float(b)) for low, b in pairs
         ]
         crossed = find_crossings(self.limit, lines.u, direction, positions)
-        # A failing segment ends at a crossing; beyond the ends of a full line, G is assumed to keep its sign.
+        # A failing segment ends at a crossing or at the end of the line; beyond the ends of a full line, G is
+        # assumed to keep its sign.
         line_probability = np.where(lines.low <= -HALF_LENGTH, 1.0, scipy.stats.norm.sf(lines.low))
         probability = np.where(crossed.fails_first, line_probability, 0.0)
         np.add.at(

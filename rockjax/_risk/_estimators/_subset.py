@@ -29,7 +29,8 @@ SHARE = 0.05  # default share of the samples that pass to the next level
 RUNS = 6  # number of independent runs of a round, in one batch
 SAMPLES = 1500  # default number of samples of a level in the first round
 MIN_SAMPLES = 800  # smallest number of samples of a level in later rounds
-# Largest ratio of the numbers of samples in successive rounds; more rounds estimate the spread better.
+# Largest ratio of the numbers of samples in successive rounds. A small ratio leads to more rounds, which
+# estimate the spread better.
 MAX_GROWTH = 2
 MAX_ENTRIES = 5e7  # largest number of array entries of the samples in memory at once
 MAX_LEVELS = 40  # largest number of levels of a run
@@ -112,10 +113,10 @@ class Subset(AbstractEstimator):
         return _Run(0.0, math.inf, samples, np.zeros((0, self.limit.dimension)))
 
     def _chains(self, u, g, level: float, move_size: float):
-        """Yield candidates, receive G of these candidates, and return samples, G, and the size of the next
-        move.
+        """Yield candidates, receive G of these candidates, and return the samples of all chains, G of these
+        samples, and the size of the next move.
 
-        - `u`, `g`: first samples of the chains, shape (chains, d), and G of these samples
+        - `u`, `g`: first sample of each chain, shape (chains, d), and G of these samples, shape (chains,)
         - `level`: largest accepted G
         - `move_size`: size s of the first move, in (0, 1]
         """
@@ -146,6 +147,7 @@ class Subset(AbstractEstimator):
         weight /= weight.sum()
         mean = float(weight @ p)
         if mean == 0:
+            # No run reached failure. The upper end is far above share^MAX_LEVELS, on the safe side.
             return ProbabilityEstimate(0.0, 0.0, (0.0, self.share**2), 0.0)
         # The variance of a run is proportional to 1/samples. Runs may agree by chance; therefore the error is
         # not less than the variances estimated from each run suggest.
@@ -161,14 +163,15 @@ class Subset(AbstractEstimator):
 
 
 def _finite(variance: float) -> float:
+    """Return a variance, or 0 instead of inf."""
     return variance if math.isfinite(variance) else 0.0
 
 
 def _relative_variance(is_below: np.ndarray, chains: int) -> float:
-    """Return the relative variance of the share of samples below a level (Au & Beck 2001).
+    """Return the relative variance of the share of samples at or below a level (Au & Beck 2001).
 
-    - `is_below`: True for samples below the level, shape (n,): the first samples of all chains, then the
-      second ones, …
+    - `is_below`: True for samples at or below the level, shape (n,): the first samples of all chains, then
+      the second ones, …
     - `chains`: number of chains; the correlation along each chain increases the variance
     """
     n, p = is_below.size, float(is_below.mean())
