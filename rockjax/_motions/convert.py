@@ -150,7 +150,7 @@ ACCEPTED_MOTIONS = "a rockjax motion (Record, Motion, a pulse …), Motions, Rec
 
 
 def _advice(value) -> str:
-    """Return advice on how to convert a value to a motion."""
+    """Return advice on how to convert a value to a motion; an empty string for types without advice."""
     if isinstance(value, type) and issubclass(value, AbstractPulse):
         return f"; pass an instance of the class: rockjax.{value.__name__}(a_p, T_p)"
     if isinstance(value, str | bytes | Path):

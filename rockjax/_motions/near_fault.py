@@ -46,9 +46,9 @@ def read_pulses(path: str | Path) -> PulseTable:
     """Read a table of Mavroeidis–Papageorgiou pulses.
 
     The file is a CSV with the columns `A` [m/s] or `A_cm_s` [cm/s], `f_p` [Hz], `gamma` [–], `nu` [rad]
-    or `nu_deg` [°], and optionally `name` (by default the number of the pulse, from 1). Lines that begin with
-    # are comments. Raises `ValueError` for a missing column, for a cell that is not a finite number, and for
-    parameters outside their ranges.
+    or `nu_deg` [°], and optionally `name` (by default the number of the pulse, from 1). Lines that begin
+    with `#` are comments. Raises `ValueError` for a missing column, for a cell that is not a finite number,
+    and for parameters outside their ranges.
     """
     path = Path(path)
     lines = [line for line in read_text(path).splitlines() if line.strip()]

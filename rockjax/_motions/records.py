@@ -45,8 +45,7 @@ class Records(AbstractSampled):
     - `intervals`: sampling intervals, shape (k,) [s]
     - `starts`: times of the first samples, shape (k,) [s]
     - `which`: indices of the selected rows, with the shape of the batch
-    - `scale`: factor on the samples of each selected row, a scalar or an array that broadcasts to the batch
-      [–]
+    - `scale`: factor on the samples of the selected rows, scalar or with the shape of the batch [–]
     """
 
     acceleration: Float[Array, "k n"]

@@ -73,8 +73,8 @@ def _match_name(motion: M, vertical: dict[tuple, list[M]]) -> list[M]:
 
 
 def _match_depth(motion: M, others: list[M]) -> list[M]:
-    """Return those of the vertical motions `others` of a station that are at the depth of a motion, such as
-    UD1 for EW1; all of `others` if no depth matches."""
+    """Return the motions in `others`, the vertical motions of a station, that are at the depth of a motion,
+    such as UD1 for EW1; all of `others` if no depth matches."""
     if len(others) < 2:
         return others
 

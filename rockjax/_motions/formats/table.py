@@ -272,7 +272,7 @@ def _guess_kinds(path: Path, rows: np.ndarray, component: Component) -> list[str
 
 
 def _is_rising(values: np.ndarray) -> bool:
-    """Return True if values rise, and their steps differ by less than a factor of 2, like those of times."""
+    """Return True if values rise, and their steps differ by less than a factor of 2, as steps of times do."""
     steps = np.diff(values)
     return bool(len(steps) and steps.min() > 0 and steps.max() < 2 * steps.min())
 
