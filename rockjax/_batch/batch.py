@@ -1,9 +1,9 @@
 """Batches of scenes, solved in lanes.
 
 A lane solves one scene at a time, and takes the next scene when this scene has ended. All lanes of a program
-make trial steps together. Scenes are prepared in chunks. On a CPU every core has a thread with `LANES` lanes,
-which takes the next chunk without waiting for scenes that are still running. An accelerator has thousands of
-lanes.
+make trial steps (accepted or rejected steps) together. Scenes are prepared in chunks. On a CPU every core has
+a thread with `LANES` lanes. The thread takes the next chunk without waiting for scenes that are still
+running. An accelerator has thousands of lanes.
 """
 
 from __future__ import annotations
@@ -141,14 +141,15 @@ def responses(
     sensitivities: Sequence[str] = (),
     on_floors: SecondarySystems = (),
 ) -> Peak:
-    """Compute [`peak_responses`][rockjax.peak_responses] without warnings. Another thread can stop the batch.
+    """Compute the result of [`peak_responses`][rockjax.peak_responses] without warnings. Another thread can
+    stop the batch.
 
     - `podiums`, `excitations`, `initial`, `t_end`, `options`, `progress`, `devices`, `threads`,
       `sensitivities`, `on_floors`: as in `peak_responses`
     - `stop`: event that stops the batch once it is set
 
-    Raises [`rockjax.Interrupted`][] with the answers so far if `stop` is set, and `ValueError` for
-    invalid inputs.
+    Raises [`rockjax.Interrupted`][] with the answers so far (None if no scene has ended) if `stop` is set,
+    also by Ctrl-C, and `ValueError` for invalid inputs.
     """
     check_types("peak_responses", podiums, options, "podiums")
     check_range("peak_responses", podiums, excitations, None, options)
@@ -201,7 +202,8 @@ def responses(
 def raw_responses(
     podiums: Podium, excitations: AbstractExcitation, options: Options, progress: Any, edge_distance: bool
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Solve a batch of shape (n,), and return floats and integers by name as `run_batch` does.
+    """Solve a batch of shape (n,), and return two dicts with the floats and the integers of the answers, as
+    `run_batch` does. Warn of scenes that did not finish.
 
     - `podiums`, `excitations`: structures and ground motions
     - `options`: options of the solver
@@ -223,7 +225,7 @@ def raw_responses(
 
 
 class Tally(NamedTuple):
-    """Numbers of trials, to measure how well the lanes are used."""
+    """Numbers of trials (trial steps), to measure how well the lanes are used."""
 
     useful: int  # number of trials in lanes with an unfinished scene
     possible: int  # number of trials in all lanes of a device, with or without a scene
@@ -243,11 +245,11 @@ def run_batch(
     - `scenes`: the batch
     - `options`: options of the solver
     - `progress`: as in `peak_responses`
-    - `stop`: event that stops the batch, also set by Ctrl-C. No further chunk is started then, and unfinished
-      scenes have the code INTERRUPTED. If `stop` is None, Ctrl-C raises `KeyboardInterrupt`
+    - `stop`: event that stops the batch; Ctrl-C sets it too. Once it is set, no further chunk is started, and
+      unfinished scenes have the code INTERRUPTED. If `stop` is None, Ctrl-C raises `KeyboardInterrupt`
     - `executor`: executor of the lanes; by default all cores or accelerators
-    - `sensitivities`: parameters y; the floats include derivatives with respect to ln y, with the parameters
-      along the last axis
+    - `sensitivities`: parameters y. The floats also contain the derivatives of the answers with respect to
+      ln y, with the parameters along the last axis
     - `edge_distance`: True to add edge distances to the floats; `sensitivities` must then be `("scale",)`
     """
     executor = executor_for("run_batch") if executor is None else executor
@@ -312,7 +314,7 @@ class _Answers:
         """Store the scenes that have ended and return their number."""
         done = jax.tree.map(np.asarray, done)
         used = np.reshape(done.used, (-1, 1))
-        # The first `used` rows of each device are valid. The rows of the devices follow one another.
+        # The rows of the devices follow one another. Of each device, the first `used` rows are valid.
         has_devices = used.size > 1
         rows = (
             (np.arange(done.scene_index.size // used.size) < used).ravel()
@@ -368,7 +370,7 @@ def layout(scenes: SceneBatch, executor: AbstractExecutor, sensitivities: tuple[
     """Return the layout of the lanes on a device.
 
     - `scenes`, `executor`: the batch, and the executor that advances the lanes
-    - `sensitivities`: parameters for derivatives with respect to their logarithms
+    - `sensitivities`: parameters y of the derivatives with respect to ln y
     """
     refill = not scenes.is_wide
     if executor.platform == "cpu":

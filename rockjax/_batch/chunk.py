@@ -30,14 +30,14 @@ from rockjax._types import Flag
 
 
 class LaneLayout(NamedTuple):
-    """Choices of a program for lanes that are fixed at compilation, besides the options."""
+    """Layout of the lanes: what is fixed when a program for lanes is compiled, besides the options."""
 
     axes: tuple[int | None, ...]  # for each leaf of a chunk, 0 if scenes have different rows, else None
     structure: Any  # tree structure of (podium, excitation, initial, t_end)
     lanes: int  # number of lanes
     size: int  # number of scenes in a chunk, a multiple of the lanes
     refill: bool  # True if lanes take further scenes, False if a chunk has only one scene for each lane
-    sensitivities: tuple[str, ...] = ()  # parameters for derivatives with respect to their logarithms
+    sensitivities: tuple[str, ...] = ()  # parameters y of the derivatives with respect to ln y
     edge_distance: bool = False  # True if edge distances are requested; then `sensitivities` is (SCALE,)
 
     def plan(self, leaves, options: Options) -> Plan:
@@ -60,16 +60,16 @@ class LaneDerivatives(NamedTuple):
 
 
 def makes_trials(plan: Plan, options: Options, state: LoopState) -> Flag:
-    """Return whether a lane has trials to make. A rigid podium in full contact makes none; it goes to its
-    next uplift when finished scenes are exchanged."""
+    """Return whether a lane has trials (trial steps) to make. A rigid podium in full contact (σ = 0) needs
+    none: it is advanced to its next uplift when finished scenes are exchanged."""
     goes_on = is_running(state, options.max_steps)
     return goes_on if plan.follows_contact else goes_on & (state.sigma != 0)
 
 
 def step_functions(plan: Plan, options: Options):
     """Return two functions (scene, state) ↦ state. The first makes a trial. The second advances a rigid
-    podium in full contact to the next uplift. A state to which a function does not apply is returned
-    unchanged."""
+    podium in full contact to the next uplift. Both return other states unchanged: those without trials to
+    make, and those that rock or have ended."""
 
     def try_step(scene: Scene, state: LoopState) -> LoopState:
         goes_on = barrier(makes_trials(plan, options, state))
@@ -102,7 +102,7 @@ class Chunk(NamedTuple):
     common: list[Any]  # leaves of `Scene` that all scenes share; None for leaves that vary
     structure: Any  # tree structure of `Scene`
     states: LoopState  # states at the start
-    states_differ: Any  # for each leaf of `states`, whether it differs between scenes
+    states_differ: Any  # for each leaf of `states`, whether it has a row for each scene
     slopes: _ChunkDerivatives | None  # None if no sensitivities are requested
 
     def starts(self, lanes: int) -> tuple[LoopState, LaneDerivatives | None]:
@@ -156,7 +156,7 @@ class Chunk(NamedTuple):
 
 
 def prepare_chunk(leaves, layout: LaneLayout, options: Options) -> Chunk:
-    """Prepare the scenes of a chunk.
+    """Return the prepared scenes of a chunk.
 
     - `leaves`: leaves of the scenes' arguments; a leaf with the entry 0 in `layout.axes` has a row for each
       scene
@@ -223,7 +223,7 @@ def _with_own_states(leaves, layout: LaneLayout) -> tuple[list[Any], tuple[int |
 
 
 def prepare_in_blocks(leaves, layout: LaneLayout, options: Options, count) -> Chunk:
-    """Prepare the first `count` scenes of a chunk, in blocks that fit into the cache.
+    """Return the first `count` scenes of a chunk, prepared in blocks that fit into the cache.
 
     - `leaves`, `layout`, `options`: as in `prepare_chunk`
     - `count`: number of scenes to prepare; rows after them are undefined
@@ -264,6 +264,7 @@ def _rows_of_scenes(chunk: Chunk) -> tuple[list[Any], list[int], Callable[[list[
     slopes, slope_structure = jax.tree.flatten(chunk.slopes and (chunk.slopes.varying, chunk.slopes.states))
     differ = chunk.slopes and differentiated_fields(chunk.states_differ)
     slope_differs = jax.tree.leaves(chunk.slopes and (chunk.slopes.varying, differ))
+    # Slopes of `varying` are arrays, not flags, and always have rows.
     has_rows = [*(True for _ in chunk.varying), *differs, *(flag is not False for flag in slope_differs)]
     all_arrays = [*chunk.varying, *states, *slopes]
     axes = [*(0 for _ in chunk.varying), *(0 for _ in states), *(1 for _ in slopes)]
@@ -282,8 +283,13 @@ def _rows_of_scenes(chunk: Chunk) -> tuple[list[Any], list[int], Callable[[list[
 
 
 def _differing(function, axes, leaves):
-    """Return, for each output of a function, whether it differs between scenes. `vmap` maps the arguments
-    `leaves` of the function over `axes`."""
+    """Return, for each output of a function of a scene, whether it differs between scenes.
+
+    - `function`: function of the scene's leaves
+    - `axes`, `leaves`: arguments for all scenes, and the axes over which `vmap` maps them
+    """
+    # Under `vmap`, JAX calls the rule of `probe` with flags that are True for outputs that depend on the
+    # scene.
     flags: list[Any] = []
 
     @custom_vmap

@@ -2,11 +2,11 @@
 scale (a factor) of the ground motion.
 
 At the turning points of the rotation, the overturning margin M and the angular deceleration are extrapolated
-linearly in ln s. According to the margin, the scene would overturn at the distance M/|∂M/∂ ln s|. Where the
-deceleration reaches zero, the turning point disappears and a different motion follows. The edge distance is
-the smallest distance to such a zero, over both quantities and all turning points of the scene. Turning points
-with small rotations (large M) are left out, because their derivatives grow without bound while the columns
-bounce.
+linearly in ln s. The margin reaches zero at the distance M/|∂M/∂ ln s|, where the scene would overturn. Where
+the deceleration reaches zero, the turning point disappears and a different motion follows. The edge distance
+is the smallest distance at which one of the two quantities reaches zero, over all turning points of the
+scene. Turning points with small rotations (large M) are left out, because the derivatives at them grow
+without bound while the columns bounce.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def least_edge_distance(distance: Array, lanes: LoopState, slopes: dict[str, Any
 
     - `distance`: edge distances before these steps, shape (n,) [ln s]
     - `lanes`: states of the n scenes after the steps
-    - `slopes`: derivatives of these states with respect to ln s, with a first axis of length 1
+    - `slopes`: derivatives of the states after the steps with respect to ln s, with a first axis of length 1
     """
     margin, deceleration = lanes.accumulators[-1]  # of the output `TurningPoints`
     margin_slope, deceleration_slope = (row[0] for row in slopes["accumulators"][-1])

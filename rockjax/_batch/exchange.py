@@ -29,7 +29,9 @@ class Lanes(NamedTuple):
     varying: list[Any]  # leaves of `Scene` that vary between scenes, with a row for each lane
     scene_index: jax.Array  # for each lane, index of its scene in the batch; −1 without a scene
     slopes: LaneDerivatives | None = None  # derivatives; None if no sensitivities are requested
-    edge_distance: jax.Array | None = None  # edge distances (`edge_distance.py`) so far, if requested
+    edge_distance: jax.Array | None = (
+        None  # edge distances (`edge_distance.py`) so far; None if not requested
+    )
 
 
 class DoneScenes(NamedTuple):
@@ -40,7 +42,7 @@ class DoneScenes(NamedTuple):
     floats: dict[str, jax.Array]  # floating-point answers
     integers: dict[str, jax.Array]  # answers that are integers or flags
     used: jax.Array  # number of scenes that have ended
-    trials: jax.Array  # number of trials, in which all lanes take part together
+    trials: jax.Array  # number of trials (trial steps); all lanes make a trial together
     useful: jax.Array  # number of trials that advanced a scene, summed over all lanes
     running: jax.Array  # number of lanes that still hold a scene
 
@@ -174,8 +176,8 @@ def _load_scenes(chunk: Chunk, lanes: Lanes, load, refill: bool) -> Lanes:
 def _append_answers(done: DoneScenes, ended: Flag, scene_index: jax.Array, answers: Answers) -> DoneScenes:
     """Append the answers of the lanes whose scenes have ended.
 
-    A row is written for every lane, first for the lanes whose scenes have ended. The other rows are
-    overwritten later, or ignored.
+    A row is written for every lane. The first rows belong to the lanes whose scenes have ended; the other
+    rows are overwritten later, or ignored.
     """
     lane_indices, ended_so_far = jnp.arange(ended.size), jnp.cumsum(ended)
     position = jnp.where(ended, ended_so_far - 1, ended.size)
@@ -194,8 +196,13 @@ def _append_answers(done: DoneScenes, ended: Flag, scene_index: jax.Array, answe
 def _store_answers(
     done: DoneScenes, write, scene_index: jax.Array, answers: Answers, count: jax.Array
 ) -> DoneScenes:
-    """Store the answers of `count` scenes with `write`, a function (storage, values of the lanes) ↦
-    storage."""
+    """Store the answers of `count` scenes.
+
+    - `done`: the storage
+    - `write`: function (array of the storage, values of the lanes) ↦ new array of the storage
+    - `scene_index`, `answers`: indices of the lanes' scenes in the batch, and answers of the lanes
+    - `count`: number of scenes
+    """
     floats, integers = answers
     return done._replace(
         scene_index=write(done.scene_index, scene_index),

@@ -1,4 +1,4 @@
-"""Executors, which advance the lanes of a batch with one thread per CPU core, or with one thread for all
+"""Executors: they advance the lanes of a batch with one thread for each CPU core, or with one thread for all
 accelerators. A lane solves one scene after another."""
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from .scenes import SceneBatch, SceneIndices
 # (lanes, indices of the scenes of a chunk, whether no chunk follows) ↦ (lanes, scenes that have ended)
 Program = Callable[[Lanes, SceneIndices, bool], tuple[Lanes, DoneScenes]]
 
-# Limit of trial steps in a call that finishes the last scenes of a batch. Calls must be short, because Ctrl-C
-# takes effect between calls.
+# On a CPU, number of trial steps after which a call that finishes the last scenes of a batch may end. Calls
+# must be short, because Ctrl-C takes effect between calls.
 MAX_LAST_TRIALS = 30_000
 UNLIMITED_TRIALS = np.iinfo(np.int32).max
 
@@ -47,9 +47,9 @@ class AbstractExecutor(abc.ABC):
 
         - `scenes`, `options`, `layout`: the batch, the options of the solver, and the layout of the lanes
 
-        If no chunk follows, a call of the program ends when all scenes have ended, or at a limit of trials.
-        Successive scenes, which take about the same time, go to different devices, so that all devices end at
-        about the same time. Every device has its own lanes and counters.
+        If no chunk follows, a call of the program ends when all scenes have ended, or after a limited number
+        of trial steps. Successive scenes, which take about the same time, go to different devices, so that
+        all devices end at about the same time. Every device has its own lanes and counters.
         """
 
 
@@ -76,7 +76,7 @@ class ThreadExecutor(AbstractExecutor):
 
 
 class DeviceExecutor(AbstractExecutor):
-    """Several devices of one platform, synchronised between chunks and independent within them."""
+    """One or more devices of one platform, synchronised between chunks and independent within a chunk."""
 
     threads = 1
 
@@ -161,8 +161,8 @@ def executor_for(owner: str, devices: Sequence | None = None, threads: int | Non
     - `devices`: JAX devices of one platform, or None
     - `threads`: number of threads on a CPU, or None
 
-    By default the executor uses all accelerators or, if there are none, a thread for each core. Raises
-    `ValueError` for invalid devices or threads, and if both are given.
+    If both are None, the executor uses all accelerators or, without accelerators, a CPU thread for each core.
+    Raises `ValueError` for invalid devices or threads, and if both are given.
     """
     if threads is not None and (not isinstance(threads, int) or threads < 1):
         raise ValueError(f"{owner}: threads must be a whole number ≥ 1, got threads = {threads!r}")
@@ -194,7 +194,7 @@ def executor_for(owner: str, devices: Sequence | None = None, threads: int | Non
 
 
 def _platform() -> str:
-    """Return the platform on which JAX places new arrays."""
+    """Return the name of the platform, such as "cpu", on which JAX places new arrays."""
     default_device = jax.config.jax_default_device
     return getattr(default_device, "platform", default_device) or jax.default_backend()
 

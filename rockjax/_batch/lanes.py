@@ -1,8 +1,9 @@
 """Lanes, each of which solves one scene after another.
 
 One call of `advance` processes one chunk of scenes on one core or device. Between calls the lanes keep scenes
-that are still running. Within a call all lanes make trial steps (trials) together. Once enough lanes wait,
-because their scene has ended, they store its answers and load the next scene (see `exchange.py`).
+that are still running. Within a call all lanes make trial steps (trials) together. A lane whose scene has
+ended waits. Once enough lanes wait, they store the answers of their scenes and load the next scenes (see
+`exchange.py`).
 """
 
 from __future__ import annotations
@@ -45,8 +46,8 @@ def advance(
     - `lanes`: lanes after the previous chunk
     - `leaves`: leaves of the scenes' arguments; a leaf with the entry 0 in `layout.axes` has a row for each
       scene
-    - `first`, `stride`, `count`: indices of the scenes in the batch: `first`, `first + stride`, …, `count`
-      in all
+    - `first`, `stride`, `count`: the `count` scenes of the chunk have the indices `first`, `first + stride`,
+      … in the batch
     - `max_trials`: number of trials after which the call may return with unfinished scenes
     - `options`: options of the solver
     - `layout`: layout of the lanes
@@ -184,21 +185,21 @@ def idle_lanes(scenes: SceneBatch, options: Options, layout: LaneLayout) -> Lane
         (y.shape if axis is None else (layout.size, *y.shape[1:]), y.dtype)
         for y, axis in zip(scenes.leaves, layout.axes, strict=True)
     )
-    values, plan = jax.tree.flatten(options)
-    return _blank_lanes(shapes, tuple(np.asarray(y).dtype for y in values), plan, layout)
+    values, option_structure = jax.tree.flatten(options)
+    return _blank_lanes(shapes, tuple(np.asarray(y).dtype for y in values), option_structure, layout)
 
 
 @functools.lru_cache(maxsize=256)
 def _blank_lanes(shapes, option_types, option_structure, layout: LaneLayout) -> Lanes:
-    """Return lanes without scenes. The result is cached, as it depends only on shapes and types."""
+    """Return lanes without scenes. The result depends only on shapes and types, so that it can be cached."""
     static = {"option_types": option_types, "option_structure": option_structure, "layout": layout}
     return jax.tree.map(np.asarray, _blank_lanes_program(shapes=shapes, **static))
 
 
 @StoredProgram
 def _blank_lanes_program(*, shapes, option_types, option_structure, layout: LaneLayout) -> Lanes:
-    """Return lanes without scenes. Only tracing the preparation of a chunk gives the shapes of the arrays. As
-    a stored program, this is not repeated in later processes."""
+    """Return lanes without scenes. The shapes of their arrays are found by tracing the preparation of a
+    chunk. Because this is a stored program, later processes need not repeat the tracing."""
 
     def lanes_at_start(leaves, values):
         chunk = prepare_chunk(leaves, layout, jax.tree.unflatten(option_structure, values))

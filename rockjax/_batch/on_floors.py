@@ -42,7 +42,7 @@ def answers_on_floors(
     stop: threading.Event,
     threads: int,
 ) -> tuple[Any, ...]:
-    """Return the answers of secondary systems on floors, as arrays that have the shape of the batch.
+    """Return the answers of each secondary system, as arrays that have the shape of the batch.
 
     - `scenes`, `shape`, `options`: scenes, shape and options of the batch
     - `systems`: secondary systems on the floors of every scene
@@ -62,6 +62,7 @@ def answers_on_floors(
         while True:
             static = {"structure": scenes.structure, "axes": scenes.axes, "capacity": capacity}
             answer = jax.tree.map(np.asarray, _chunk(leaves, systems, options, **static))
+            # `answer` is (floats, (integers, codes)).
             is_full = np.any(answer[1][1][:count] == results.HISTORY_FULL)
             if not is_full or capacity >= options.max_steps + 2:
                 return jax.tree.map(lambda y: y[:count] if y.ndim else np.full(count, y), answer)

@@ -1,5 +1,5 @@
-"""Batches of scenes (each one podium under one motion): the broadcast arguments of all scenes, stored without
-repetition."""
+"""Batches of scenes (a scene is one podium under one motion): the broadcast arguments of all scenes, stored
+without repetition."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from rockjax._results import State
 from rockjax._structures import Podium
 
 MAX_SORTED_SCENES = 4096  # largest batch that is sorted (see `_order`); larger batches would gain little
-MAX_REFILL_VALUES = 64  # with more values per scene in a leaf (samples), lanes solve one scene per chunk
+# If a leaf has more values per scene than this (samples of records), each lane solves one scene of a chunk.
+MAX_REFILL_VALUES = 64
 
 
 class SceneIndices(NamedTuple):
@@ -51,7 +52,7 @@ class SceneBatch(NamedTuple):
     rows: list[np.ndarray | None]
     structure: Any  # tree structure of the leaves
     total: int  # number of scenes
-    order: np.ndarray | None = None  # position in the grid of the k-th scene to solve; None for position k
+    order: np.ndarray | None = None  # position in the grid of the k-th scene to solve; None if it is k
 
     @property
     def axes(self) -> tuple[int | None, ...]:
@@ -114,7 +115,7 @@ def broadcast(
     - `owner`: name of the calling function, for messages
     - `podiums`, `excitations`: structures and ground motions
     - `initial`: initial states
-    - `t_end`: ends of the scenes [s], or None
+    - `t_end`: ends of the scenes [s]; None for the default end of each scene
 
     Raises `ValueError` for arrays that do not broadcast or are empty.
     """
@@ -138,11 +139,12 @@ def broadcast(
 
 
 def _order(excitations: AbstractExcitation, shape: tuple[int, ...]) -> np.ndarray | None:
-    """Return the scenes of a grid in the order of the strength of their motions, weak ones first.
+    """Return the positions of the scenes in the grid, sorted by the strength of their motions, weak ones
+    first.
 
     Return None for large grids, for a single strength, and for motions without a strength. Motions that just
-    lift the columns take longest, and strong motions overturn them soon. Therefore few lanes are idle at the
-    end of a batch if strong motions come last.
+    lift the columns take longest; strong motions overturn the columns soon. Therefore few lanes are idle at
+    the end of a batch if strong motions come last.
     """
     if math.prod(shape) > MAX_SORTED_SCENES:
         return None
@@ -169,7 +171,9 @@ def axes_of(
     except ValueError as error:
         raise ValueError(f"{owner}: the arrays in the arguments do not broadcast: {error}") from None
     if 0 in shape:
-        raise ValueError(f"{owner}: the arrays in the arguments hold no scene, their shape is {shape}")
+        raise ValueError(
+            f"{owner}: the arrays in the arguments must not be empty; they broadcast to the shape {shape}"
+        )
     return outer, shape
 
 

@@ -3,15 +3,16 @@ derivatives with respect to the parameters of podium and motion.
 
 A larger scale may survive although a smaller one overturns. Under a record, windows (intervals of scales that
 overturn) may be as narrow as 1e-4 of the range, without any effect on neighbouring scales. Therefore scales
-are evaluated from below up to the first that overturns, spaced so closely that every window of the requested
-width is found. The change from survival to overturning is then enclosed in ever narrower brackets. If no
-value is traced by JAX, the scenes are solved as batches on all cores. Under `jit` a loop solves a fixed
-number of scales at a time.
+are evaluated in ascending order up to the first that overturns, so closely spaced that every window wider
+than a requested width is found. The change from survival to overturning is then enclosed in ever narrower
+brackets. If no value is traced by JAX, the scenes are solved as batches on all cores. Under `jit` a loop
+solves a fixed number of scales at a time.
 
 The overturning margin M of a scene (one podium under one motion) is positive if the columns survive and
 negative if they overturn. Derivatives of the boundary a* follow from the implicit function theorem, da* =
-−dM/(∂M/∂a), with M just past the boundary. M passes through zero with a nonzero slope. The derivatives are
-therefore well conditioned, even though the columns stay near the unstable equilibrium for a long time.
+−dM/(∂M/∂a), with the scale a and with M just past the boundary. M passes through zero with a nonzero slope.
+The derivatives are therefore well conditioned, even though the columns stay near the unstable equilibrium for
+a long time.
 """
 
 from __future__ import annotations
@@ -51,9 +52,9 @@ from .implicit import boundary_gradient, traced_boundary_change
 from .margin import DEFAULT_WIDTH, has_margin, margin_options, scan_options, signed_margin
 from .refinement import SPACING_SHARE
 
-MAX_ACCELERATION_RATIO = 12.0  # default end of searches for pulses, a_p/(g tan α)
+MAX_ACCELERATION_RATIO = 12.0  # default end of the search for pulses, a_p/(g tan α) [–]
 BOUNDARY = Options(rtol=1e-11, atol=1e-13)  # default options, which determine the accuracy of a boundary
-ONE_SIDED_BELOW = 1e-4  # if a minimum of the margin is below this, the boundary is about to jump there
+ONE_SIDED_BELOW = 1e-4  # if a minimum of the margin is below this, the boundary is about to jump to its scale
 
 
 class Boundary(Module):
@@ -67,8 +68,9 @@ class Boundary(Module):
       there is no minimum. If the dip became zero, the boundary would jump to the scale of this minimum
     - `one_sided`: True if the dip is so low that the boundary is about to jump; the derivative is then
       one-sided
-    - `certain_width`: an interval of overturning scales below `scale` that the search missed is not wider
-      than this [–]. It is at most the requested `width` times `max_scale`, unless scenes did not finish
+    - `certain_width`: resolution of the search [–]: an interval of overturning scales below `scale` can have
+      been missed only if it is not wider than this. `certain_width` is at most the requested `width` times
+      `max_scale`, unless scenes did not finish
     """
 
     scale: Float[Array, "*batch"]
@@ -105,8 +107,8 @@ def overturning_acceleration(
     width: float = DEFAULT_WIDTH,
     resolution: int = 128,
 ) -> Value:
-    """Return the least pulse acceleration a_p that overturns a podium [m/s²], or inf if none up to the limit
-    does.
+    """Return the least pulse acceleration a_p that overturns a podium [m/s²], or inf if no acceleration up to
+    the limit overturns it.
 
     The function works under `jit` and `vmap`. `grad` and `jacfwd` give derivatives with respect to `T_p` and
     every parameter of `podium`. They are exact unless the boundary jumps, and zero if the result is inf.
@@ -115,10 +117,10 @@ def overturning_acceleration(
     - `podium`: podium with scalar parameters
     - `pulse`: a class of pulses such as `rockjax.Ricker`, or a function (a_p, T_p) ↦ excitation that is
       proportional to a_p. The function may also return a [`rockjax.GroundMotion`][], whose vertical
-      component may be independent of a_p; other parameters of the pair are held constant under
-      differentiation
+      component may be independent of a_p; parameters of such a motion other than a_p and T_p are held
+      constant under differentiation
     - `T_p`: pulse period, > 0 [s]
-    - `max_acceleration_ratio`: end of the search, a_p/(g tan α) [–]
+    - `max_acceleration_ratio`: end of the search, a_p/(g tan α), > 0 [–]
     - `options`: options of the scenes; `options.overturn_ratio` defines overturning
     - `width`, `resolution`: see [`rockjax.overturning_boundary`][]
 
@@ -147,8 +149,8 @@ def overturning_scale(
     width: float = DEFAULT_WIDTH,
     resolution: int = 128,
 ) -> Value:
-    """Return the least factor on a ground motion that overturns a podium [–], or inf if none up to the limit
-    does.
+    """Return the least factor on a ground motion that overturns a podium [–], or inf if no factor up to the
+    limit overturns it.
 
     - `podium`, `excitation`, `max_scale`, `options`, `width`, `resolution`: as for
       [`rockjax.overturning_boundary`][], whose result contains this factor as the field `scale`
@@ -180,11 +182,11 @@ def overturning_boundary(
     - `excitation`: ground motion that can be scaled
     - `max_scale`: end of the search, > 0 [–]
     - `options`: options of the scenes, which determine the accuracy of the boundary
-    - `width`: fraction of `max_scale`, in (0, 0.1]. Every interval of overturning scales below the boundary
-      that is wider than this is found. Scales are evaluated from the first that lifts the columns up to the
-      boundary. Their spacing follows from derivatives of the margin, or is about `width` under `jit`. A
-      `max_scale` far above the boundary costs little time, but a range in which nothing overturns needs up to
-      about 1/`width` scenes
+    - `width`: resolution of the search as a fraction of `max_scale`, in (0, 0.1]. An interval of overturning
+      scales below the returned boundary can be missed only if it is narrower than this. Scales are evaluated
+      from the first that lifts the columns up to the boundary. Their spacing follows from derivatives of the
+      margin; under `jit` it is about `width` times `max_scale`. A `max_scale` far above the boundary costs
+      little time, but a range in which nothing overturns needs up to about 1/`width` scenes
     - `resolution`: least number of equal steps in the range, however large `width` is; a whole number ≥ 32
 
     Raises `ValueError` for invalid inputs, if they are concrete.
@@ -280,8 +282,9 @@ def boundary_slopes(
 
 
 def _without_tangents(tree):
-    """Return the values of a pytree as numbers, without tangents. A pytree with traced values stays as it is.
-    This saves time, because outside jit every jnp operation on tangents compiles separately."""
+    """Return the values of a pytree as numbers, without tangents. A pytree with traced values is returned
+    unchanged. Without tangents, later operations need not be compiled: outside jit, every jnp operation on
+    tangents compiles separately."""
     return jax.tree.map(value_of, tree) if all(map(is_concrete, jax.tree.leaves(tree))) else tree
 
 
@@ -295,7 +298,7 @@ def _make_search(structure, uses_margin: bool) -> Callable[..., FirstBoundary]:
 
     @program.def_vmap
     def _(count, mapped, *leaves):
-        # With NumPy, all searches must have the same options and width.
+        # The search with NumPy needs the same options and width for all searches.
         has_common_settings = not any(jax.tree.leaves(jax.tree.unflatten(structure, mapped)[3]))
         if has_common_settings and not _any_traced(leaves):
             rows = [
@@ -348,8 +351,12 @@ def _search_in_batches(rows: list[np.ndarray], count: int, structure, uses_margi
 
 
 def _pick_motions(excitation, line: np.ndarray, pick) -> Any:
-    """Return the motions of scenes. `line` contains the index of each scene's search, and `pick` selects the
-    elements of an array for these searches. The samples of several records stay in one table."""
+    """Return the motions of scenes. The samples of several records stay in one table.
+
+    - `excitation`: motion whose arrays have a first axis of length 1 or of the number of searches
+    - `line`: for each scene, the index of its search
+    - `pick`: function that selects, from such an array, the element of each scene
+    """
     if isinstance(excitation, GroundMotion):
         components = (_pick_motions(y, line, pick) for y in (excitation.horizontal, excitation.vertical))
         return GroundMotion(*components)

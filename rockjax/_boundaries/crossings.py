@@ -43,11 +43,11 @@ Plane = Callable[[Any, Any], tuple[Podium, AbstractExcitation]]
 MAX_CURVATURE_INDICATOR = 0.1
 REFINEMENT_ROUNDS = 8  # largest number of rounds in which such intervals are refined
 PARTS = 4  # number of parts into which a round divides an interval
-MIN_INTERVAL = 1e-6  # shorter intervals are not refined [length of the line]
+MIN_INTERVAL = 1e-6  # intervals shorter than this fraction of the line are not refined
 
 DIP_DIVISIONS = 256  # intervals beside the lowest dips are divided into at least this number of parts
-WINDOW_DIVISIONS = 16  # the same if only dips that may reach below zero are refined
-BRACKET_RTOL_SHARE = 0.1  # width at which a bracket is narrow enough, relative to y and divided by rtol
+WINDOW_DIVISIONS = 16  # replaces `DIP_DIVISIONS` if only dips that may reach below zero are refined
+BRACKET_RTOL_SHARE = 0.1  # a bracket is narrow enough if its width is this fraction of rtol·y
 
 
 class Crossings(NamedTuple):
@@ -78,7 +78,7 @@ class Crossings(NamedTuple):
 def precompile_scan(
     plane: Plane, x, y_range: tuple[float, float], options: Options, width: float = DEFAULT_WIDTH
 ) -> None:
-    """Load or compile the program for the scenes of a `scan` in another thread.
+    """In another thread, load or compile the program for the scenes of a `scan`.
 
     - `plane`, `x`, `y_range`, `options`, `width`: as for `scan`
     """
@@ -93,12 +93,13 @@ def precompile_scan(
 
 
 class Scan(NamedTuple):
-    """Result of a scan. A dip is a minimum of the margin as a function of y."""
+    """Result of a scan; its arrays have shape (lines,). A dip is a minimum of the margin as a
+    function of y."""
 
     crossings: Crossings
     lower_end_survives: np.ndarray  # True for lines whose lower end survives
     dip: np.ndarray  # lowest dip below the first crossing of each line; 1 for a line without dips
-    certain_width: np.ndarray  # for each line, largest width of an overturning interval that may be missed
+    certain_width: np.ndarray  # largest width in y of an overturning interval that may have been missed
     scenes: int  # number of solved scenes
 
 
@@ -118,20 +119,21 @@ def scan(
 
     - `plane`: (x, y) ↦ (podium, excitation)
     - `x`: positions of the lines, shape (lines,)
-    - `y_range`: ends of the lines
+    - `y_range`: ends of the lines, the same for all
     - `resolution`: number of equal intervals of each line, whose ends are evaluated first
     - `options`: options of the scenes that enclose the changes; other scenes are less accurate
     - `progress`: `True` for a progress bar, or any object with a method `update(number_of_scenes)`
     - `refine_curved`: True to refine intervals in which the margin is so curved that it may cross zero
       unnoticed; ignored with `first_only`
     - `first_only`: True to return only the first change of each line
-    - `width`: fraction of the range. If the motion is proportional to y, every overturning interval below the
-      first change that is wider than this is found. None omits the search for such intervals
+    - `width`: resolution of the search as a fraction of the range. If the motion is proportional to y, an
+      overturning interval below the first change can be missed only if it is narrower than this. None omits
+      the search for such intervals
     - `dips`: True to refine the lowest dips of the margin; otherwise only dips in which an overturning
       interval may open are refined, and `Scan.dip` is approximate
 
-    Changes are enclosed in brackets of a relative width of 1e-12, or of a tenth of rtol if that is
-    larger. Raises `RuntimeError` if no scene of a line finishes.
+    Changes are enclosed in brackets of a relative width of 1e-12 or, if this is larger, of a tenth of
+    `options.rtol`. Raises `RuntimeError` if no scene of a line finishes.
     """
     x = np.asarray(x, float)
     scenes = 0
@@ -242,7 +244,8 @@ def _has_edge_distances(plane: Plane, x: np.ndarray, max_y: float, options: Opti
     leaves, structures = zip(*map(jax.tree.flatten, equal_if_scaled), strict=True)
     if structures[0] != structures[1]:
         return False
-    # Under a transformation, numbers of samples are tracers; they do not depend on y and are not compared.
+    # Under a JAX transformation the numbers of samples are tracers. They do not depend on y, so that they
+    # need not be compared.
     pairs = [pair for pair in zip(*leaves, strict=True) if not any(isinstance(y, Tracer) for y in pair)]
     return all(a is b or np.allclose(np.asarray(a), np.asarray(b), rtol=1e-6, atol=0.0) for a, b in pairs)
 
@@ -262,7 +265,8 @@ def curvature_indicator(y: np.ndarray, margin: np.ndarray, same_line: np.ndarray
     h = np.where(h > 0, h, 1.0)
     slope = np.where(same_line, (margin[1:] - margin[:-1]) / h, 0.0)
     inner = same_line[1:] & same_line[:-1]
-    # Half of the second derivative of the margin with respect to y, which is unknown at the ends of a line.
+    # Half of the second derivative of the margin with respect to y, set to 0 at the ends of a line, where the
+    # derivative is unknown.
     half_curvature = np.where(inner, np.abs(slope[1:] - slope[:-1]) / (h[1:] + h[:-1]), 0.0)
     half_curvature = np.maximum(np.append(0.0, half_curvature), np.append(half_curvature, 0.0))
     left, right = margin[:-1], margin[1:]

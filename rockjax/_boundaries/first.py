@@ -46,7 +46,7 @@ class FirstBoundary(NamedTuple):
 
     scale: Any  # the least scale that overturns; inf if nothing overturns
     dip: Any  # the lowest dip of the margin below the boundary; 1 if there is none
-    certain_width: Any  # an overturning interval below `scale` that the search missed is not wider than this
+    certain_width: Any  # largest width of an overturning interval below `scale` that may have been missed
     impacts: Any  # number of impacts before overturning
 
 
@@ -54,7 +54,7 @@ class _State(NamedTuple):
     """State of the search."""
 
     stage: Array
-    rounds: Array  # number of rows in the present stage, if it refines dips or brackets
+    rounds: Array  # number of rows solved in the present stage, counted in the stages ZOOM and NARROW
     scanned_to: Array  # end of the scanned part of the range
     lo: Array  # the last surviving scale below `hi`
     lo_margin: Array  # margin at `lo`
@@ -69,7 +69,7 @@ class _State(NamedTuple):
 
 
 def first_boundary(solve_row: SolveRow, limit: Array, spacing: Array) -> FirstBoundary:
-    """Find the least scale in (0, limit] that overturns.
+    """Return the least scale in (0, limit] that overturns, with details.
 
     - `solve_row`: (scales, whether at full accuracy) ↦ (margins, numbers of impacts)
     - `limit`: end of the range
@@ -271,7 +271,7 @@ def _first_overturning(margin: Array) -> tuple[Array, Array]:
 
 
 def _widest_step(scales: Array, is_used: Array) -> Array:
-    """Return the widest step between successive used scales, given in ascending order."""
+    """Return the widest step between successive scales with `is_used`; `scales` are in ascending order."""
     last_used = jax.lax.cummax(jnp.where(is_used, scales, -jnp.inf))
     steps = jnp.where(is_used[1:] & jnp.isfinite(last_used[:-1]), scales[1:] - last_used[:-1], 0.0)
     return jnp.max(steps)

@@ -1,9 +1,9 @@
 """Derivatives of a boundary with respect to parameters of podium and motion, by the implicit function
 theorem.
 
-The boundary a* is the least factor a on the motion, or the least amplitude a, that overturns the podium. The
-overturning margin M is zero there. Therefore da* = −dM/(∂M/∂a). If the margin does not apply, the time of
-overturning replaces M, see `boundary_residual`.
+The boundary a* is the least factor a on the motion, or the least amplitude a, that overturns the podium. For
+this a the overturning margin M is zero. Therefore da* = −dM/(∂M/∂a). If the margin does not apply, the time
+of overturning replaces M, see `boundary_residual`.
 """
 
 from __future__ import annotations
@@ -38,14 +38,19 @@ def _residual(podium: Podium, motion: AbstractExcitation, options: Options, uses
 
 
 def _root_change(slope, change, fallback: float):
-    """Return the change of a root, −`change`/`slope`, or `fallback` if the slope is zero or not finite."""
+    """Return the change of the root of a function, −`change`/`slope`, or `fallback` if `slope` is zero or not
+    finite.
+
+    - `slope`: derivative of the function at its root
+    - `change`: change of the function's value at the root due to its parameters
+    """
     numpy = array_module(slope)
     is_usable = numpy.isfinite(slope) & (slope != 0)
     return jnp.where(is_usable, -change / numpy.where(is_usable, slope, 1.0), fallback)
 
 
 def boundary_change(leaves, varied_tangents, scale, structure, varied: tuple[bool, ...], uses_margin: bool):
-    """Return the tangent of a boundary from the tangents of parameters; zero if there is no boundary.
+    """Return the tangent of a boundary, given the tangents of parameters; zero if there is no boundary.
 
     - `leaves`: leaves of the arguments of the search, with the tree structure `structure`
     - `varied_tangents`: tangents of the leaves that vary
@@ -109,8 +114,8 @@ def log_sensitivities(
     - `podium`: podium with scalar parameters
     - `a`: boundaries: pulse accelerations [m/s²] or factors on records [–], shape (n,). Where a boundary is
       not finite, its derivatives are NaN
-    - `rows`: for pulses a dict with their periods `T_p` [s], for records with their indices `which`, shape
-      (n,)
+    - `rows`: for pulses the dict {"T_p": periods [s]}, for records {"which": indices in `records`}, both of
+      shape (n,)
     - `names`: names of the parameters y: parameters of the podium, or `"T_p"`
     - `options`: options of the scenes
     - `pulse`: function (a_p, T_p) ↦ excitation, or None for records

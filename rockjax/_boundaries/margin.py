@@ -15,15 +15,15 @@ from rockjax._structures import Podium
 # By default, a scan finds every interval of overturning that is wider than this fraction of the scanned
 # range.
 DEFAULT_WIDTH = 1e-4
-# Relative tolerance of the scenes of a scan. A boundary that these scenes show has about the same relative
+# Relative tolerance of the scenes of a scan. A boundary between scenes of a scan has about the same relative
 # error.
 SCAN_TOLERANCE = 1e-6
 _LEAST_SURVIVING_MARGIN = float(np.finfo(np.float32).tiny)  # least margin of a scene that survives
 
 
 def has_margin(options: Options, podium: Podium) -> bool:
-    """Return whether the overturning margin applies: the overturning angle `overturn_ratio`·α is known as a
-    number (not traced by JAX), and is at most the stability angle θ_s (α if there are no tendons)."""
+    """Return whether scenes have an overturning margin: the overturning angle `overturn_ratio`·α is known as
+    a number (not traced by JAX), and is at most the stability angle θ_s, which is α without tendons."""
     ratio = concrete(options.overturn_ratio)
     if ratio is None or bool(np.all(ratio <= 1)):
         return ratio is not None
@@ -35,7 +35,7 @@ def signed_margin(floats: dict[str, Any], overturned, overturn_ratio, uses_margi
     """Return the signed margin of a scene: > 0 if it survives, ≤ 0 if it overturns, exactly 1 if the
     columns never lift.
 
-    - `floats`: outputs of the scene: `margin`, or `peak_rotation` if there is no margin
+    - `floats`: outputs of the scene by name: `margin` if `uses_margin`, otherwise `peak_rotation`
     - `overturned`: whether the scene overturned
     - `overturn_ratio`: |θ|/α at which a scene counts as overturned
     - `uses_margin`: whether the overturning margin applies, see `has_margin`
@@ -64,13 +64,13 @@ def boundary_residual(floats: dict[str, Any], uses_margin: bool):
 
 
 def margin_options(options: Options, uses_margin: bool) -> Options:
-    """Return options of the same accuracy that request only the output needed for the boundary."""
+    """Return `options` with a single requested output, the one that the search for a boundary needs."""
     return options.replace(outputs=("margin" if uses_margin else "peak_rotation",), throw=False)
 
 
 def scan_options(options: Options, width, xp: Any = jnp) -> Options:
-    """Return less accurate options for a scan, still accurate enough to find overturning intervals wider than
-    `width`, a fraction of the range. Where neighbouring scenes of the scan differ in outcome, they are later
-    checked with `options`."""
+    """Return less accurate options for a scan. They are still accurate enough to find overturning intervals
+    wider than the fraction `width` of the range. Neighbouring scenes of the scan with different outcomes are
+    later solved again with `options`."""
     loose = SCAN_TOLERANCE * xp.minimum(1.0, width / DEFAULT_WIDTH)
     return options.replace(rtol=xp.maximum(options.rtol, loose), atol=xp.maximum(options.atol, 1e-2 * loose))

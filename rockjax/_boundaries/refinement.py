@@ -6,11 +6,11 @@ slightly less than this width. The edge distance of a scene is the estimated cha
 could overturn (see `_batch/edge_distance.py`).
 
 The distance of two neighbours that both survive is at most `DISTANCE_SHARE` times the sum of both edge
-distances: a window in between would contradict these estimates, which follow from derivatives at all turning
-points of both scenes. But windows that are a few spacings wide may have no effect on the scenes beside them.
-Therefore the distance is also at most `MAX_SPACINGS` spacings. It is one spacing if edge distances are short
-or unknown. This rule is an estimate, not a proof. For comparison `benchmarks/boundaries.py` evaluates every
-scale.
+distances. A window in between would contradict the edge distances, which follow from derivatives at all
+turning points of both scenes. But windows that are a few spacings wide may have no effect on the scenes
+beside them. Therefore the distance of neighbours is also at most `MAX_SPACINGS` spacings. It is one spacing
+if edge distances are short or unknown. This rule is an estimate, not a proof. For comparison,
+`benchmarks/boundaries.py` solves scenes in steps of a quarter of the requested width.
 
 Points are whole multiples of the spacing, so that repeated divisions of a step end at exactly one spacing.
 The first change of a line is the least y at which survival turns into overturning; a dip is a minimum of the
@@ -32,7 +32,7 @@ from .first import DIPS
 # window.
 SPACING_SHARE = 0.95
 DISTANCE_SHARE = 0.25  # allowed distance of two neighbours divided by the sum of their edge distances
-MAX_SPACINGS = 6  # largest distance of neighbours [spacings]
+MAX_SPACINGS = 6  # largest distance of two surviving neighbours, in spacings
 MAX_PARTS = 16  # largest number of parts into which an interval is divided at once
 ROUND_SCENES = 2048  # number of scenes in a round, distributed among all lines
 MIN_LINE_SCENES = 64  # minimum number of scenes of each line in a round
@@ -59,8 +59,8 @@ class SolvedScenes(NamedTuple):
         return SolvedScenes(*(y[~np.isnan(self.margin)] for y in self))
 
     def changes(self, first_only: bool = False) -> np.ndarray:
-        """Return the indices of scenes whose right neighbour on the line has the other outcome; if
-        `first_only`, only the first of each line."""
+        """Return the indices of scenes whose next scene on the line has the other outcome; if `first_only`,
+        only the first such index of each line."""
         overturns = self.margin <= 0
         k = np.flatnonzero((overturns[:-1] != overturns[1:]) & (self.line[:-1] == self.line[1:]))
         return k[np.unique(self.line[k], return_index=True)[1]] if first_only else k
@@ -101,7 +101,8 @@ def spacing_for(width: float | None, size: float, resolution: int) -> float:
 def resolve_windows(
     solved: SolvedScenes, solve: SolveScenes, spacing: float, first_only: bool
 ) -> SolvedScenes:
-    """Solve further scenes until neighbours below the first change of each line are close enough.
+    """Solve further scenes until neighbours below the first change of each line are close enough to show
+    every window.
 
     - `solved`: scenes solved so far
     - `solve`: (line, y, whether at full accuracy) ↦ solved scenes
@@ -183,8 +184,8 @@ def _next_points(solved: SolvedScenes, spacing: float) -> tuple[np.ndarray, np.n
 
 
 def _unconfirmed(solved: SolvedScenes, first_only: bool) -> np.ndarray:
-    """Return the indices of scenes at a change, or with a small margin, that are not yet solved at full
-    accuracy."""
+    """Return the indices of the scenes on both sides of a change, and of those with a small margin, that are
+    not yet solved at full accuracy."""
     changes = solved.changes(first_only)
     grazing = [
         below.start + np.flatnonzero(solved.margin[below] < GRAZING) for below in solved.below_first_change()

@@ -1,10 +1,11 @@
-"""Excitations: callables t ↦ ü_g with support (start and end) and breakpoints.
+"""Base classes of excitations, which are ground motions: callables t ↦ ü_g with support (start and end) and
+breakpoints.
 
-Breakpoints are the times at which ü_g or one of its derivatives with respect to t jumps. They divide an
-excitation into smooth pieces. The engine never steps across a breakpoint and evaluates the smooth formula
-`piece(i)` of piece i, so that jumps and kinks cost no accuracy. `lookahead(threshold)` answers questions
-about the remaining motion: when |ü_g| next exceeds the threshold, and how large |ü_g| and its integral over
-time can still become.
+Breakpoints are the times at which ü_g, one of its derivatives with respect to t, or the velocity of the
+ground jumps. They divide an excitation into smooth pieces. The engine never steps across a breakpoint and
+evaluates the smooth formula `piece(i)` of piece i, so that jumps and kinks cost no accuracy.
+`lookahead(threshold)` answers questions about the remaining motion: when |ü_g| next exceeds the threshold,
+how large |ü_g| can still become, and how large the integral of |ü_g| over the remaining time can be.
 """
 
 from __future__ import annotations
@@ -29,20 +30,23 @@ SAMPLES = 4097  # number of samples in the default search for the minimum of a m
 
 
 class Shaking(NamedTuple):
-    """Horizontal and vertical ground acceleration [m/s²]. Motions without a vertical component return a
-    scalar instead."""
+    """Horizontal and vertical ground acceleration [m/s²], or the jumps of both ground velocities [m/s].
+    Motions without a vertical component return a scalar instead."""
 
     horizontal: Value  # ü_g
-    vertical: Value  # v̈_g, positive upwards
+    vertical: Value  # v̈_g, upwards positive
 
 
 class AbstractLookahead(Module):
-    """Bounds of the remaining excitation, held constant under differentiation (`stop_gradient`)."""
+    """Bounds of the remaining excitation, held constant under differentiation (`stop_gradient`).
+
+    The threshold is that with which `AbstractExcitation.lookahead` was called. In all methods, `piece` is the
+    index of the piece at time t.
+    """
 
     @abc.abstractmethod
     def next_exceedance(self, t: Value, piece: Index) -> Value:
-        """Return the first time ≥ t at which |ü_g| exceeds the threshold [s], or inf if there is none.
-        `piece` is the piece at t."""
+        """Return the first time ≥ t at which |ü_g| exceeds the threshold [s], or inf if there is none."""
 
     @abc.abstractmethod
     def impulse(self, t: Value, piece: Index) -> Value:
@@ -54,9 +58,12 @@ class AbstractLookahead(Module):
 
     @abc.abstractmethod
     def highest_time(self, start: Value, end: Value, side: Value | None = None) -> Value:
-        """Return the time between `start` and `end` at which |ü_g| is largest, or side·ü_g if a `side` of ±1
-        is given [s]; `end` may be inf. The method needs a lookahead that was created with a threshold and,
-        for a side, `with_sides`."""
+        """Return the time between `start` and `end` at which |ü_g| is largest [s]. If a `side` of ±1 is
+        given, return the time at which side·ü_g is largest.
+
+        `end` may be inf. The lookahead must have been created with a threshold. For a side, it must be the
+        result of `with_sides`.
+        """
 
     def with_sides(self) -> AbstractLookahead:
         """Return this lookahead with the data that `highest_time` needs for a side."""
@@ -81,12 +88,13 @@ class AbstractExcitation(Module):
     @property
     @abc.abstractmethod
     def breakpoints(self) -> Float[Array, "*batch n"]:
-        """Times at which ü_g or one of its derivatives jumps, ascending along the last axis [s]."""
+        """Times that separate the pieces (see the docstring of the module), ascending along the last axis
+        [s]; the last ones may be inf."""
 
     @abc.abstractmethod
     def piece(self, index: Index) -> Callable[[Value], Value]:
-        """Return the formula of ü_g in piece `index`, 0 to n. The piece reaches from breakpoint index − 1 to
-        breakpoint `index`, and the formula is valid at both ends."""
+        """Return the formula t ↦ ü_g of a piece. With n breakpoints, `index` is from 0 to n. The piece
+        reaches from breakpoint `index` − 1 to breakpoint `index`, and the formula is valid at both ends."""
 
     @abc.abstractmethod
     def lookahead(self, threshold: Value | None) -> AbstractLookahead:
@@ -94,12 +102,12 @@ class AbstractExcitation(Module):
         `highest_time` are unavailable."""
 
     def scaled(self, factor) -> Self:
-        """Return the motion with ü_g multiplied by a factor."""
+        """Return the motion with its accelerations multiplied by a factor [–]."""
         raise NotImplementedError(f"{type(self).__name__} cannot be scaled; define its method `scaled`")
 
     def strength(self) -> np.ndarray | None:
-        """Return a NumPy array proportional to max|ü_g| for each motion of a batch; None if the class has no
-        quick formula."""
+        """Return a NumPy array with a number for each motion of a batch, roughly proportional to max|ü_g|, by
+        which scenes are sorted; None if the class has no quick formula."""
         return None
 
     @property
@@ -119,13 +127,13 @@ class AbstractExcitation(Module):
 
     @property
     def own_dimensions(self) -> dict[str, int]:
-        """Name of each field that is an array in a single motion ↦ number of its dimensions there. Further
-        leading dimensions belong to a batch."""
+        """Name of each field that is an array even in a single motion ↦ number of dimensions of this array.
+        In a batch of motions the field has further leading dimensions."""
         return {}
 
     def past(self, index: Index, passed: Array) -> Index:
-        """Return the index of the next piece if `passed` (this piece has ended) is True, otherwise
-        `index`."""
+        """Return the index of the piece after piece `index` if the flag `passed` (piece `index` has ended) is
+        True, otherwise `index`."""
         return index + passed.astype(jnp.int32)
 
     def before(self, index: Index, by: Any = 1) -> Index:
@@ -133,26 +141,26 @@ class AbstractExcitation(Module):
         return index - by
 
     def velocity_jump(self, index: Index) -> Value | Shaking | None:
-        """Return the jump of the ground's velocity at the end of a piece [m/s]; None for a motion without
-        jumps."""
+        """Return the jump of the ground's velocity at the end of a piece [m/s]; None for a class of motions
+        without velocity jumps."""
         del index
         return None
 
     def curvature(self) -> Value:
-        """Return a bound of |d²ü_g/dt²| between breakpoints [m/s⁴]. Components of a `GroundMotion` need this
-        method."""
+        """Return an upper bound of |d²ü_g/dt²| between breakpoints [m/s⁴]. Components of a `GroundMotion`
+        need this method."""
         raise NotImplementedError(
             f"{type(self).__name__} cannot be a component of a GroundMotion; define its method "
-            "`curvature`, which returns a bound of |d²ü_g/dt²| between breakpoints"
+            "`curvature`, which returns an upper bound of |d²ü_g/dt²| between breakpoints"
         )
 
     def at_most(self, piece: Index, t: Value, ahead: Value, now: Value) -> Value | None:
-        """Return a bound of |ü_g| from t to t + `ahead` within a piece [m/s²]; None if the class has no
-        bound.
+        """Return an upper bound of |ü_g| from t to t + `ahead` within a piece [m/s²]; None if the class has
+        no formula for it.
 
         - `piece`: index of the piece
         - `t`: time [s]
-        - `ahead`: duration [s], at most until the end of the piece
+        - `ahead`: duration [s]; t + `ahead` may not be after the end of the piece
         - `now`: |ü_g(t)| [m/s²]
         """
         del piece, t, ahead, now
@@ -161,8 +169,9 @@ class AbstractExcitation(Module):
     def lowest(self) -> tuple[Value, Value]:
         """Return the minimum of ü_g [m/s²], which may be positive, and its time [s], for a single motion.
 
-        By default the time is that of the smallest value at 4097 samples and the breakpoints, and a parabola
-        through the neighbouring samples refines the value.
+        By default, ü_g is sampled at 4097 equally spaced times and at the breakpoints. The returned time is
+        that of the smallest sample. Where ü_g is smooth, a parabola through this sample and its neighbours
+        refines the value, but not the time.
         """
         start, end = self.support
         times = jnp.concatenate(
@@ -228,7 +237,7 @@ class _RestLookahead(AbstractLookahead):
 
 
 class Rest(AbstractExcitation):
-    """No ground motion: free rocking from an initial state."""
+    """No ground motion (ü_g = 0), for free rocking from an initial state."""
 
     @property
     def support(self) -> tuple[Number, Number]:

@@ -2,8 +2,9 @@
 
 A piece of the pair combines piece i of the horizontal with piece j of the vertical component. Its index is
 i·n + j, where n is the number of vertical pieces. Where breakpoints of both components coincide, i and j
-advance together. The columns lift when one of the combined signals ±ü_g − K v̈_g exceeds a threshold, with
-the factor K of (C10) in docs/control.md. Lookaheads (see `base.py`) find these crossings.
+advance together. Columns below a rigid superstructure lift when one of the combined signals ±ü_g − K v̈_g
+exceeds a threshold; K is the factor of v̈_g in (C10) of docs/control.md. Lookaheads (see `base.py`) find these
+crossings.
 """
 
 from __future__ import annotations
@@ -26,14 +27,16 @@ from .base import AbstractExcitation, AbstractLookahead, Shaking
 
 PARTS = "horizontal", "vertical"
 MAX_PIECES = 2**31  # limit of the number of pairs of pieces, because their index is a 32-bit integer
-# Excursions above the threshold that are shorter than this multiple of the motion's time scale are ignored.
+# Excursions above the threshold may be missed if they last less than this multiple of √(threshold/curvature).
 MIN_EXCURSION = 1e-9
-# Factor, against rounding, on the level of |ü_g| below which no combined signal can exceed the threshold.
+# Factor on the level of |ü_g| below which no combined signal can exceed the threshold. It is less than 1 as a
+# margin for rounding.
 LEVEL_SAFETY = 1 - 1e-6
 
 
 def _component(name: str) -> Callable[[Any], AbstractExcitation]:
-    """Return the converter for the field `name`. It accepts motions, and objects with a method `record`."""
+    """Return the converter for the field `name`. The converter accepts motions, and objects whose method
+    `record` returns a motion."""
 
     def convert(value: Any) -> AbstractExcitation:
         motion = value.record() if callable(getattr(value, "record", None)) else value
@@ -52,14 +55,15 @@ def _component(name: str) -> Callable[[Any], AbstractExcitation]:
 class GroundMotion(AbstractExcitation):
     """A ground motion with a horizontal and a vertical component.
 
-    - `horizontal`: ü_g, any motion; `vertical`: v̈_g, upwards positive, any motion [m/s²]
+    - `horizontal`, `vertical`: motions with one component, ü_g and v̈_g (upwards positive) [m/s²]
 
     `scaled(f)` scales both components. The support reaches from the start of the earlier component to the
     end of the later one. A call returns the horizontal acceleration.
 
     g + v̈_g must be positive at all times, because otherwise joints could open vertically, which the model
     excludes. If it is not, a single scene whose values are not traced raises `ValueError`, and other scenes
-    end with the result `weightless`. Raises `ValueError` for components that are not motions.
+    end with the result `weightless`. Raises `ValueError` for components that are not motions with one
+    component, and for components with too many pieces (samples).
     """
 
     horizontal: AbstractExcitation = eqx.field(converter=_component("horizontal"))
@@ -207,7 +211,8 @@ class GroundMotion(AbstractExcitation):
 
     def lookahead(self, threshold: Value | None, tilt: Value | None = None) -> PairLookahead:
         """Return the lookahead for a threshold [m/s²] of the combined signals ±ü_g − K v̈_g, with K = `tilt`.
-        `next_exceedance` needs both arguments, `highest_time` only the threshold."""
+        Its method `next_exceedance` needs both arguments, `highest_time` only the threshold. If either is
+        None, `threshold` is a threshold of |ü_g|."""
         motion: GroundMotion = jax.lax.stop_gradient(self)
         vertical = motion.vertical.lookahead(None)
         if threshold is None or tilt is None:
@@ -223,7 +228,11 @@ class GroundMotion(AbstractExcitation):
 
 @dataclasses.dataclass(frozen=True)
 class Proportional:
-    """Pulses with a proportional vertical component, v̈_g = `ratio` · ü_g."""
+    """Function (a_p, T_p) ↦ pulse with a proportional vertical component, v̈_g = `ratio` · ü_g.
+
+    - `pulse`: function (a_p, T_p) ↦ component, proportional to a_p
+    - `ratio`: finite number [–]
+    """
 
     pulse: Callable[[Any, Any], AbstractExcitation]
     ratio: float
@@ -240,8 +249,12 @@ class Proportional:
 
 
 class ScaledByAmplitude(AbstractExcitation):
-    """Motions that a function (a_p, T_p) ↦ excitation returns for one T_p. `scaled(a_p)` is the motion with
-    amplitude a_p; unscaled, a_p = 1."""
+    """The excitation `pulse(a_p, T_p)` as a function of a_p alone: `scaled(a_p)` returns it for an amplitude
+    a_p. Without scaling, a_p is 1.
+
+    - `T_p`: period of the pulse [s]
+    - `pulse`: function (a_p, T_p) ↦ excitation, which need not be proportional to a_p
+    """
 
     T_p: Number
     pulse: Callable[[Any, Any], AbstractExcitation] = eqx.field(static=True)
@@ -271,7 +284,7 @@ class PairLookahead(AbstractLookahead):
     motion: GroundMotion
     horizontal: AbstractLookahead  # lookahead of the horizontal component
     vertical: AbstractLookahead  # lookahead of the vertical component
-    # The remaining fields are None without threshold or tilt.
+    # The remaining fields are None if the lookahead was created without threshold or without tilt.
     threshold: Value | None  # threshold of the combined signals [m/s²]
     tilt: Value | None  # K of the combined signals [–]
     curvature: Value | None  # bound of the second derivatives of the combined signals [m/s⁴]
@@ -299,9 +312,9 @@ class PairLookahead(AbstractLookahead):
         """Return the first time ≥ t at which a combined signal exceeds the threshold [s], or inf if there is
         none.
 
-        The search visits only times at which the horizontal motion is large enough. A step of the search
-        cannot pass a crossing: it ends where a signal would reach the threshold if its curvature were as
-        large as the bound.
+        The search visits only times at which |ü_g| is large enough for a combined signal to exceed the
+        threshold. A step of the search cannot pass a crossing: the step ends where a signal would reach the
+        threshold if the curvature of the signal were as large as its bound.
         """
         del piece
         threshold, tilt, curvature = self.threshold, self.tilt, self.curvature
@@ -347,8 +360,8 @@ class PairLookahead(AbstractLookahead):
             previous = motion.before(current)
             jump_time = jnp.where(previous == current, -jnp.inf, motion.breakpoint(previous))
             earliest = jnp.maximum(jnp.maximum(search_start, s - 2 * min_step), jnp.minimum(jump_time, s))
-            # Advance by at least the last digit, because breakpoints and comparisons may differ in the last
-            # digit when they are evaluated again.
+            # Advance by at least `last_digit`, because the time of a breakpoint, and the outcome of a
+            # comparison, may change by rounding when they are evaluated again.
             next_time = jnp.maximum(jnp.minimum(s + step, motion.breakpoint(current)), s + last_digit)
             return jnp.maximum(crossing, earliest), jnp.where(is_reached, next_time, jnp.inf), is_found
 

@@ -1,5 +1,5 @@
-"""Motions with a polynomial acceleration between breakpoints, at which the velocity jumps, such as floor
-motions."""
+"""Motions whose acceleration is a polynomial between breakpoints and whose velocity jumps at breakpoints,
+such as the motions of floors."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ POINTS_PER_PIECE = 33  # number of points per piece in the search for the minimu
 
 
 class PiecewiseMotion(AbstractExcitation):
-    """A motion whose acceleration is a polynomial between neighbouring breakpoints, and zero before the first
-    and after the last finite one. Its velocity jumps at breakpoints.
+    """A motion whose acceleration is a polynomial between neighbouring breakpoints. The acceleration is zero
+    before the first and after the last finite breakpoint. The velocity of the motion jumps at breakpoints.
 
     - `times`: breakpoints, ascending; the last ones may be inf [s]
     - `coefficients`: coefficients of the acceleration from each breakpoint to the next, in powers of
@@ -42,10 +42,10 @@ class PiecewiseMotion(AbstractExcitation):
 
     @classmethod
     def through(cls, times: Array, values: Array, jumps: Array) -> Self:
-        """Return the motion with these breakpoints and jumps, and with these values at the `NODES` of each
-        interval.
+        """Return the motion whose acceleration has given values at the `NODES` of each interval between
+        breakpoints.
 
-        - `times`, `jumps`: fields of the motion, shape (n,)
+        - `times`, `jumps`: the fields of the motion with these names, shape (n,)
         - `values`: accelerations [m/s²], shape (n, DEGREE + 1); the last row is not used
         """
         return cls(times, values @ jnp.asarray(FROM_VALUES.T, values.dtype), jumps)
@@ -95,8 +95,8 @@ class PiecewiseMotion(AbstractExcitation):
 
 
 class NoLookahead(AbstractLookahead):
-    """Lookahead of a motion whose later peak and impulse are not bounded (both bounds are inf), so that no
-    scene ends before its end time."""
+    """Lookahead of a motion without known bounds: the bounds of its remaining peak and impulse are inf. A
+    scene under this motion therefore never ends early because the remaining motion is too weak."""
 
     def next_exceedance(self, t: Value, piece: Index) -> Value:
         raise NotImplementedError("a motion without a lookahead has no search for exceedances")

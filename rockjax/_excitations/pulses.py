@@ -1,4 +1,8 @@
-"""Analytical pulses a_p·s(t/T_p) with a fixed shape s. Knots are the ends of its monotone intervals."""
+"""Analytical pulses ü_g = a_p·s(t/T_p) with amplitude a_p, period T_p and a fixed shape s.
+
+The knots of a shape are the ends of the intervals on which s is monotone. Eq. (32) is an equation of the
+paper that docs/model.md names.
+"""
 
 from __future__ import annotations
 
@@ -25,13 +29,15 @@ from rockjax._units import STANDARD_GRAVITY
 from .base import AbstractExcitation, AbstractLookahead, size_on
 from .names import PULSE_CLASSES
 
-MAX_AMPLITUDE = 20 * STANDARD_GRAVITY  # larger amplitudes suggest gal read as m/s²
-# Maximum of |z (z²−3)| e^(−z²/2), at z = √(3−√6). With this divisor the antisymmetric Ricker pulse,
-# Eq. (32)₂, has max|ü_g| = |a_p|.
+MAX_AMPLITUDE = 20 * STANDARD_GRAVITY  # [m/s²]; a larger amplitude was probably given in gal (cm/s²)
+# Maximum of |z (z²−3)| e^(−z²/2), at z = √(3−√6). With this divisor the antisymmetric Ricker pulse, the
+# second of Eqs. (32), has max|ü_g| = |a_p|.
 BETA = math.sqrt(6 * (3 - math.sqrt(6))) * math.exp(-(3 - math.sqrt(6)) / 2)
 
 
-_NEGLIGIBLE = 1e-15  # smaller values of a shape at an end of its span are rounding errors
+# Smaller values |s| at knots count as zero: they are rounding errors, or tails of a Ricker pulse at the ends
+# of its support.
+_NEGLIGIBLE = 1e-15
 _HALVINGS, _NEWTON_STEPS = 10, 5  # numbers of bisections and Newton steps in a root search
 
 
@@ -40,7 +46,8 @@ def _root(f: Callable[[Array], Array], lo: Array, hi: Array) -> Array:
     is no root.
 
     A fixed number of bisections and Newton steps narrows the interval. Bisections then continue until no
-    number lies between its ends; many are needed only if f is flat at its root.
+    floating-point number lies between the ends of the interval. Many of them are needed only if f is flat at
+    the root.
     """
     is_positive = lambda z: f(z) > 0
     lo = jnp.where((f(lo) <= 0) & is_positive(hi), lo, hi)
@@ -68,9 +75,9 @@ class _PulseLookahead(AbstractLookahead):
     monotone.
 
     - `a_p`, `T_p`: amplitude [m/s²] and period [s]
-    - `lead`, `trail`: end of the exceedance at the start of each interval, and start of the exceedance at its
-      end; None if there is no threshold. From knot b_k to knot b_{k+1}, |ü_g| exceeds the threshold in
-      [b_k, lead_k) and in (trail_k, b_{k+1}). All these times are divided by T_p [–]
+    - `lead`, `trail`: times that limit the exceedances, divided by T_p [–], shape (intervals,): between the
+      knots b_k and b_{k+1}, |ü_g| exceeds the threshold in [b_k, lead_k) and in (trail_k, b_{k+1}). None if
+      there is no threshold
     - `pulse`: class of the pulse
     """
 
@@ -135,10 +142,11 @@ class AbstractPulse(AbstractExcitation):
     a_p: Number = eqx.field(converter=as_number("a_p"))
     T_p: Number = eqx.field(converter=as_number("T_p"))
 
-    span: ClassVar[tuple[float, float]]  # support [T_p]
+    # Properties of the shape; times are divided by T_p.
+    span: ClassVar[tuple[float, float]]  # start and end of the support
     compact: ClassVar[bool]  # True if the pulse is zero outside the span, whose ends are then breakpoints
-    zeros: ClassVar[tuple[float, ...]]  # zeros of the shape inside the span [T_p]
-    turning: ClassVar[tuple[float, ...]]  # extrema of the shape inside the span [T_p]
+    zeros: ClassVar[tuple[float, ...]]  # zeros inside the span
+    turning: ClassVar[tuple[float, ...]]  # times of the extrema inside the span
 
     def __check_init__(self):
         require_finite(type(self).__name__, a_p=self.a_p)
@@ -156,11 +164,11 @@ class AbstractPulse(AbstractExcitation):
     @staticmethod
     @abc.abstractmethod
     def velocity(tau: Any) -> Any:
-        """Return an antiderivative of the shape; a NumPy value for a NumPy argument."""
+        """Return an antiderivative of the shape at τ; a NumPy value for a NumPy argument."""
 
     @classmethod
     def knots(cls) -> tuple[float, ...]:
-        """Return the points τ between which the shape is monotone."""
+        """Return the knots: the ends of the span and the extrema, as values of τ, ascending."""
         return (cls.span[0], *cls.turning, cls.span[1])
 
     @property
@@ -194,6 +202,7 @@ class AbstractPulse(AbstractExcitation):
 
     def at_most(self, piece: Index, t: Value, ahead: Value, now: Value) -> Value:
         del piece, t
+        # `now` is |ü_g(t)|. Within the time `ahead` it can grow at most at the largest slope of the pulse.
         return now + jnp.abs(self.a_p / self.T_p) * _derivative_bound(type(self), 1) * ahead
 
     def curvature(self) -> Value:
@@ -215,8 +224,8 @@ class AbstractPulse(AbstractExcitation):
         knots = np.asarray(self.knots())
         heights = np.asarray(self.shape(knots))
         start, end = heights[:-1], heights[1:]
-        # On each interval the shape is monotone from `start` to `end`. So if |s| exceeds the level anywhere
-        # on it, it also does so at one of its two knots.
+        # On each interval the shape is monotone, from `start` to `end`. Therefore, if |s| exceeds the level
+        # somewhere on an interval, |s| also exceeds the level at one of the two knots of this interval.
         falls = self._level_crossings(level, start, rises=False)
         rises = self._level_crossings(level, end, rises=True)
         lead = jnp.where(
@@ -228,9 +237,9 @@ class AbstractPulse(AbstractExcitation):
         return _PulseLookahead(a_p, T_p, lead, trail, type(self))
 
     def _level_crossings(self, level: Value, tops: np.ndarray, rises: bool) -> Array:
-        """Return the τ at which |s| crosses the level on each monotone interval.
+        """Return the times τ at which |s| crosses a level, one for each monotone interval.
 
-        - `level`: the level [–]
+        - `level`: the level of |s| [–]
         - `tops`: values of the shape s at one end of each interval
         - `rises`: True if `tops` are the values at the right ends, to which |s| rises; False if they are
           the values at the left ends, from which |s| falls
@@ -269,7 +278,7 @@ def _cos(x):
 
 
 class Ricker(AbstractPulse):
-    """Symmetric Ricker ("Mexican hat") pulse, Eq. (32)₁, centred on t = 0:
+    """Symmetric Ricker ("Mexican hat") pulse, the first of Eqs. (32), centred on t = 0:
 
     ü_g = a_p (1 − 2x) e^(−x), x = (π t/T_p)². The support is ±2.2 T_p; outside, |ü_g| is below 1e-18 |a_p|.
     """
@@ -294,7 +303,7 @@ def _z_to_tau(z: float) -> float:
 
 
 class AntisymmetricRicker(AbstractPulse):
-    """Antisymmetric Ricker pulse, Eq. (32)₂, centred on t = 0:
+    """Antisymmetric Ricker pulse, the second of Eqs. (32), centred on t = 0:
 
     ü_g = (a_p/β)(z²−3) z e^(−z²/2), z = 2πt/(√3 T_p), with β = 1.380119, so that max|ü_g| = |a_p|. The
     support is ±2.75 T_p; outside, |ü_g| is below 1e-18 |a_p|.

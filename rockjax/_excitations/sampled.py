@@ -1,4 +1,5 @@
-"""Sampled ground motions: linear between samples, zero outside, with jumps at both ends.
+"""Sampled ground motions: ü_g is linear between samples, and zero before the first and after the last sample,
+where it may jump.
 
 A table is an array with the samples of one or several motions, one motion in each row, padded with zeros.
 """
@@ -71,7 +72,7 @@ class AbstractSampled(AbstractExcitation):
 
     @abc.abstractmethod
     def samples_at(self, table: Float[Array, "*table n"], i: Index) -> Value:
-        """Return the element i of this motion from an array with the layout of `table`."""
+        """Return the element i of this motion from an array that has the rows of `table`, of any length."""
 
     def row_counts(self) -> Int[Array, "*rows 1"]:
         """Return the number of samples in each row of the table."""
@@ -172,19 +173,21 @@ class AbstractSampled(AbstractExcitation):
 
 
 class SampledLookahead(AbstractLookahead):
-    """Bounds of the remaining motion, from sums and maxima over the samples."""
+    """Lookahead of a sampled motion, from sums and maxima over the samples. Samples, sums and maxima are
+    stored unscaled, without the factor `Sampling.scale`."""
 
     record: AbstractSampled
     threshold: Value | None
-    # Bound of ∫|ü_g| dt from sample i on, divided by the sampling interval and unscaled; zero in the padding.
+    # Upper bound of ∫|ü_g| dt from sample i on, divided by the sampling interval; zero in the padding.
     remaining_integral: Float[Array, "*table n"]
-    remaining_peak: Float[Array, "*table n"]  # max|ü_g| from sample i on, unscaled
+    remaining_peak: Float[Array, "*table n"]  # max|ü_g| from sample i on
     tree: Float[Array, "*table m"] | None  # tree of maxima of |samples|; None without threshold
-    # Trees of maxima of −samples and of samples, for `highest_time` with a side.
+    # Trees of maxima of −samples and of samples, for `highest_time` with a side; None before `with_sides`.
     side_trees: tuple[Float[Array, "*table m"], Float[Array, "*table m"]] | None = None
 
     def _from_piece(self, table: Float[Array, "*table n"], piece: Index) -> Value:
-        """Return the scaled element of a table at the sample where a piece starts; zero after the motion."""
+        """Return the element of a table at the sample where a piece starts, times |scale|; zero after the
+        motion."""
         _, _, count, scale = self.record.sampling
         value = jnp.abs(scale) * self.record.samples_at(table, jnp.clip(piece - 1, 0, count - 1))
         return jnp.where(piece < count, value, 0.0)
@@ -270,8 +273,8 @@ class SampledLookahead(AbstractLookahead):
         return jnp.where(exceeds_now, t, jnp.where(sample < count, crossing, jnp.inf))
 
     def _next_sample(self, first: Index, threshold: Value) -> Index:
-        """Return the index ≥ `first` of the next sample above the threshold, or the number of samples if
-        there is none.
+        """Return the index ≥ `first` of the next sample with |ü_g| above the threshold, or the number of
+        samples if there is none.
 
         The search skips nodes of the tree of maxima that are below the threshold. Its cost is logarithmic
         in the length of the record.
@@ -305,11 +308,11 @@ def _tree_of_maxima(values: Float[Array, "*table n"]) -> Float[Array, "*table m"
     """Return the tree of maxima along the last axis.
 
     Node 1 is the root, and node k is the larger of its children 2k and 2k+1. The second half of the array
-    holds the leaves: the values, padded to a power of two.
+    holds the leaves: the values, padded with zeros to a power of two. Node 0 is not used.
     """
     n = values.shape[-1]
-    width = 1 << (n - 1).bit_length()
-    rows = [jnp.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, width - n)])]
+    leaves = 1 << (n - 1).bit_length()
+    rows = [jnp.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, leaves - n)])]
     while rows[0].shape[-1] > 1:
         rows.insert(0, jnp.maximum(rows[0][..., ::2], rows[0][..., 1::2]))
     return jnp.concatenate([jnp.zeros_like(rows[0]), *rows], axis=-1)

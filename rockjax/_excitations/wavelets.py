@@ -25,7 +25,7 @@ from .base import AbstractExcitation, AbstractLookahead, size_on
 
 
 class _BoundedLookahead(AbstractLookahead):
-    """Lookahead of a smooth motion with |ü_g| ≤ amplitude and |d²ü_g/dt²| ≤ curvature."""
+    """Lookahead of a smooth motion with |ü_g| ≤ `amplitude` [m/s²] and |d²ü_g/dt²| ≤ `curvature` [m/s⁴]."""
 
     motion: AbstractExcitation
     threshold: Value | None
@@ -35,8 +35,8 @@ class _BoundedLookahead(AbstractLookahead):
     def next_exceedance(self, t: Value, piece: Index) -> Value:
         """Return the first time ≥ t at which |ü_g| exceeds the threshold [s], or inf if there is none.
 
-        A step of the search cannot pass a crossing: it ends where the motion would reach the threshold if
-        its curvature were as large as the bound. The search converges quadratically.
+        A step of the search cannot pass a crossing: the step ends where the motion would reach the threshold
+        if d²ü_g/dt² were as large as its bound. The search converges quadratically.
         """
         del piece
         threshold = self.threshold
@@ -146,7 +146,7 @@ class MavroeidisPapageorgiou(AbstractExcitation):
         return self._bounds()[1]
 
     def _bounds(self) -> tuple[Value, Value]:
-        """Return bounds of |ü_g| and |d²ü_g/dt²|."""
+        """Return upper bounds of |ü_g| [m/s²] and |d²ü_g/dt²| [m/s⁴]."""
         # The velocity is a sum of harmonics with the frequencies ω and ω(1±1/γ) and the amplitudes A/2
         # and A/4. The sum of their amplitudes bounds every derivative.
         motion: MavroeidisPapageorgiou = jax.lax.stop_gradient(self)
@@ -210,11 +210,11 @@ class Gabor(AbstractExcitation):
         return self._bounds()[1]
 
     def _bounds(self) -> tuple[Value, Value]:
-        """Return bounds of |ü_g| and |d²ü_g/dt²|."""
+        """Return upper bounds of |ü_g| [m/s²] and |d²ü_g/dt²| [m/s⁴]."""
         motion: Gabor = jax.lax.stop_gradient(self)
         amplitude = jnp.abs(motion.a_p)
-        # With time in units of T_p/(2π), the envelope E has |E'| ≤ e^(−½)/γ and |E''| ≤ 1/γ². With the
-        # product rule, a bound of the curvature follows.
+        # With time in units of T_p/(2π), the derivatives of the envelope E are bounded by |E'| ≤ e^(−½)/γ and
+        # |E''| ≤ 1/γ². The bound of d²ü_g/dt² follows from the product rule.
         rate = 2 * math.pi / motion.T_p
         curvature = amplitude * rate**2 * (1 + 2 * math.exp(-0.5) / motion.gamma + 1 / motion.gamma**2)
         return amplitude, curvature

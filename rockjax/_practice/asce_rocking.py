@@ -32,7 +32,8 @@ def inertia_factor(tan_alpha: float) -> float:
 
 
 def capacity(theta, tan_alpha: float):
-    """Return S_a,cap/g = 2B(θ)/θ, the spectral acceleration for a rotation θ, (P5) with F_v = 1 [–].
+    """Return S_a,cap/g = 2B(θ)/θ, with the spectral acceleration S_a,cap that causes the rotation θ, (P5)
+    with the factor F_v of vertical motion equal to 1 [–].
 
     - `theta`: rotation > 0, a number or an array of any shape [rad]
     - `tan_alpha`: tan α [–]
@@ -63,7 +64,8 @@ def damping(restitution: float) -> float:
 
 
 def rotations(block: Block, motion: Motion) -> Roots:
-    """Return the roots φ = θ/α of S_a(f_e, β_e) = S_a,cap, (P5); S_a is the absolute spectral acceleration.
+    """Return the roots φ = θ/α of S_a(f_e, β_e) = S_a,cap, (P5), with the absolute spectral acceleration S_a
+    of the motion.
 
     - `block`: the block
     - `motion`: ground motion

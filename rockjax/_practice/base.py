@@ -1,4 +1,4 @@
-"""Base class and results of the simplified methods."""
+"""Base class and results of the simplified methods of practice, (P1) to (P7) of docs/practice.md."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Case:
     - `motions`: horizontal ground motions
     - `friction`: coefficient of friction μ [–]; None if it is not given
     - `vertical`: largest vertical ground acceleration A_v [m/s²]; None if it is not given
-    - `confidence_factor`: FC of the Circolare, ≥ 1 [–]
+    - `confidence_factor`: confidence factor FC of the Italian Circolare 7/2019, ≥ 1 [–]
     """
 
     podium: Podium
@@ -66,11 +66,11 @@ class MethodResult:
 
     - `name`: name for programs; `title`: name for readers; `source`: publication and clause
     - `equation`: number of the formula in docs/practice.md, such as "(P1)"; `formula`: its text
-    - `quantity`, `unit`: what capacity and demand measure, and their unit (`"1"` for ratios)
+    - `quantity`, `unit`: the quantity that `capacity` and `demand` measure, and its unit (`"1"` for ratios)
     - `capacity`: capacity; None if it was not computed
     - `demand`: demand in each motion, shape (n,); None if it was not computed
     - `statistic`: the demand that is compared with the capacity: `"max"` or `"mean"` of the n demands
-    - `passes`: whether the method accepts the podium; None without a verdict
+    - `passes`: whether the method accepts the podium; None if it gives no verdict
     - `answers`: for each motion, all stable solutions θ/α, ascending; 1 stands for overturning. None for
       methods that compute no rotation
     - `rotation_ratio`: for each motion, the largest of `answers`, shape (n,) [–]; 0 without uplift. None for
@@ -144,8 +144,9 @@ class MethodResult:
 class Outcome:
     """Results of a method for a case.
 
-    - `rotations`: solutions θ/α for each motion; None for methods that compute no rotation
-    - `is_complete`: whether the numbers suffice for a verdict
+    - `rotations`: roots θ/α of the method's equation for each motion; None for methods that compute no
+      rotation
+    - `is_complete`: whether capacity and demand suffice for a verdict
     - other fields: as in `MethodResult`
     """
 
@@ -210,14 +211,16 @@ class AbstractMethod(abc.ABC):
 
 
 def restrainer_obstacles(case: Case) -> tuple[str, ...]:
-    """Return why no method applies to a podium with tendons, dampers or inerters; () for other podiums."""
+    """Return the reason why no method applies to a podium with tendons, dampers or inerters; () for other
+    podiums."""
     if case.podium.without_idle_restrainers().restrainers:
         return ("no simplified method covers tendons, dampers or inerters",)
     return ()
 
 
 def damping_obstacles(damping: float) -> tuple[str, ...]:
-    """Return why a method cannot use a damping ratio outside [0, 1); () for ratios in this range."""
+    """Return the reason why a method cannot use a damping ratio outside [0, 1); () for ratios in this
+    range."""
     if math.isfinite(damping) and 0 <= damping < 1:
         return ()
     return ("the equivalent damping ratio must be below 1; the restitution factor is too small",)

@@ -14,7 +14,7 @@ class Block:
     """A solitary rocking block that replaces a podium.
 
     The block rocks like a podium with a rigid superstructure (`Podium.equivalent_block`). The methods also
-    use it for elastic superstructures, as if these were rigid.
+    use this block for elastic superstructures too, as if these were rigid.
 
     - `alpha`: slenderness α, in (0, π/2) [rad]; `g`: acceleration of gravity, > 0 [m/s²]
     - `R`: half diagonal of a column, > 0 [m]; `lam`: inertia factor λ of a column, ≥ 0 [–]

@@ -49,8 +49,8 @@ def simplified_methods(
     Returns one [`rockjax.MethodResult`][] for each method. Response spectra are exact for motions that are
     linear between samples.
 
-    Raises `ValueError` for a podium with arrays of parameters, for motions without samples, for numbers out
-    of range and for unknown methods.
+    Raises `ValueError` for a podium with arrays of parameters or traced parameters, for motions without
+    samples, for numbers out of range and for unknown methods.
     """
     require_instance(OWNER, "podium", podium, Podium, "a rockjax.Podium")
     _require_single(podium)
@@ -79,7 +79,7 @@ def simplified_methods(
 def _require_single(podium: Podium) -> None:
     """Raise `ValueError` for a batch of podiums, and for traced parameters."""
     if any(concrete(leaf) is None for leaf in jax.tree.leaves(podium)):
-        raise ValueError(f"{OWNER}: podium must have concrete numbers; call it outside jit and grad")
+        raise ValueError(f"{OWNER}: podium must have concrete numbers; call {OWNER} outside jit and grad")
     parameters = (podium.alpha, podium.R, podium.gamma, podium.lam, podium.g, podium.eta)
     if any(np.ndim(value) for value in (*parameters, podium.restitution_factor)):
         raise ValueError(f"{OWNER}: podium must be a single podium, got arrays of parameters")

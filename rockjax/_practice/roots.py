@@ -38,8 +38,9 @@ class Roots(NamedTuple):
 def find_roots(excess: Callable[[np.ndarray], np.ndarray]) -> Roots:
     """Return the roots of F(φ) − φ in 0.01 ≤ φ ≤ 0.999.
 
-    `excess` is evaluated at 1001 equally spaced points; two roots between neighbouring points are missed. The
-    bracket of each root is divided twice into 63 parts. `excess` is interpolated linearly in the last part.
+    `excess` is evaluated at 1001 equally spaced points, so that two roots between neighbouring points are
+    missed. The interval that contains a root is twice divided into 63 parts, of which one is kept. In the
+    last part, `excess` is interpolated linearly.
 
     - `excess`: F(φ) − φ, or a quantity of the same sign, for an array of φ [–]
     """

@@ -59,9 +59,10 @@ def period_grid(shortest: float, longest: float) -> np.ndarray:
 
 
 def largest_displacement(motion: Motion, longest: float, damping: float) -> float:
-    """Return the largest S_d(T) of all periods 0 < T ≤ `longest` [m].
+    """Return the largest spectral displacement S_d(T) at periods 0 < T ≤ `longest` [m].
 
-    Short periods are not searched: there the bound S_d ≤ PGA/ω² coth(πζ/(2√(1−ζ²))) is below S_d(`longest`).
+    Short periods are not searched: at these, the bound S_d ≤ PGA/ω² coth(πζ/(2√(1−ζ²))), with ω = 2π/T and
+    the damping ratio ζ, is below S_d(`longest`).
 
     - `motion`: ground motion
     - `longest`: longest period > 0 [s]

@@ -70,7 +70,8 @@ class Reader:
 
     @contextlib.contextmanager
     def errors_at(self, key: str) -> Iterator[None]:
-        """Return a context that adds the file and the key to errors."""
+        """Return a context that adds the file and the key to the message of a `ValueError` or `TypeError`,
+        and raises it as `LocatedError`."""
         try:
             yield
         except LocatedError:
@@ -79,11 +80,18 @@ class Reader:
             self.fail(key, str(error))
 
     def fail(self, key: str, reason: str) -> NoReturn:
-        """Raise `LocatedError`, which names the file, a key and the reason."""
+        """Raise `LocatedError` with a message that names the file, a key and the reason."""
         raise LocatedError(f"{self.prefix}{key}: {reason}")
 
     def check(self, model: type[K], table: Any, where: str = "") -> K:
-        """Validate the table at the key `where` against a model. Raises `ValueError` for its first error."""
+        """Return a table as an instance of a model.
+
+        - `model`: class of the model
+        - `table`: the table
+        - `where`: key of the table, for messages; "" for the file as a whole
+
+        Raises `LocatedError` for the first error in the table.
+        """
         try:
             return model.model_validate(table)
         except ValidationError as error:
@@ -91,11 +99,13 @@ class Reader:
         flag, chosen = self.set_by_options.get(key.rpartition(".")[2], ("", None))
         if flag and chosen == value:
             raise LocatedError(f"{flag}: {reason}")
+        # The key "file" stands for the table itself.
         path = [where, *([key] if key != "file" else [])] if where else [key]
         return self.fail(".".join(path), reason)
 
     def options(self, given: models.Options, **defaults: Any) -> Options:
-        """Return the options; `defaults` apply to keys that neither the command line nor the file sets."""
+        """Return the options of a table; `defaults` apply to keys that neither the command line nor the file
+        sets."""
         arguments: dict[str, Any] = {"throw": False} | defaults | given.as_arguments()
         with self.errors_at("options"):
             return Options(**arguments)
@@ -145,11 +155,11 @@ class Reader:
             return classes.get(type(given), superstructure_of)(**given.as_arguments())
 
     def contents(self, given: Iterable[models.Contents]) -> dict[str, Contents]:
-        """Return name → block on a floor."""
+        """Return the blocks on floors by name."""
         return self._build_named("contents", given, _contents)
 
     def oscillators(self, given: Iterable[models.Oscillator]) -> dict[str, Oscillator]:
-        """Return name → oscillator on a floor."""
+        """Return the oscillators on floors by name."""
         return self._build_named("oscillators", given, Oscillator)
 
     def _build_named(self, table: str, given: Iterable[Any], make: Callable[..., T]) -> dict[str, T]:
@@ -187,25 +197,27 @@ class Reader:
         return motions
 
     def records(self, sets: Mapping[str, models.MotionSet], name: str) -> Motions:
-        """Return the records of a set, with their names. Raises `ValueError` for pulses."""
+        """Return the records of a set, with their names. Raises `LocatedError` for pulses."""
         if has_pulses(sets[name]):
             self.fail(f"motions.{name}", "must have records (file, suite or synthetic) here, not pulses")
         return Motions(tuple(self.members(sets, name, None)))  # pyright: ignore[reportArgumentType]
 
     def require_set(self, sets: Mapping[str, Any], name: str | None, key: str) -> str:
-        """Return the name of a set of motions; None stands for the only set.
+        """Return `name` if it is the name of a set of motions. For None, return the name of the only set.
 
-        Raises `ValueError`, which names `key`, if there is no such set.
+        Raises `LocatedError`, which names `key`, if there is no such set, and for None unless there is
+        exactly one set.
         """
         if name is None and len(sets) == 1:
             return next(iter(sets))
         if name is None or name not in sets:
             got = "" if name is None else f", got {name!r}"
-            self.fail(key, f"must name a set under [motions]{got}; the sets are {', '.join(sets) or 'none'}")
+            choice = f"the sets are {', '.join(sets)}" if sets else "there are no sets"
+            self.fail(key, f"must name a set under [motions]{got}; {choice}")
         return name
 
     def _records(self, entry: Any) -> Motions:
-        """Return the records of an entry."""
+        """Return the records of an entry of a set."""
         arguments = entry.as_arguments("vertical_ratio", "paired", "file", "suite", "synthetic")
         if isinstance(entry, models.Synthetic):
             motions = synthetic_motions(entry.synthetic, **{"seed": 0} | arguments)
@@ -230,10 +242,14 @@ class Reader:
 
 
 def _explain_first_error(error: ValidationError, table: Any) -> tuple[str, str, Any]:
-    """Return the key, the cause and the invalid value for the first error in a table."""
+    """Return the key, the cause and the invalid value for the first error in a table.
+
+    The key is "file" if the error concerns the table itself. The value is None if a key is missing or a kind
+    is unknown.
+    """
     first_error = error.errors(include_url=False)[0]
     location, value, reason = "", table, first_error["msg"].removeprefix("Value error, ")
-    for step in first_error["loc"]:  # other steps than keys and indices name branches of unions
+    for step in first_error["loc"]:  # steps that are not in the table name branches of unions
         if isinstance(value, dict) and step in value:
             location, value = f"{location}.{step}".lstrip("."), value[step]
         elif isinstance(value, list) and isinstance(step, int) and step < len(value):
@@ -274,7 +290,8 @@ def to_excitation(member: Motion | AbstractExcitation) -> AbstractExcitation:
 
 
 def _pulses(entry: models.Pulses, podium: Podium | None) -> list[AbstractExcitation]:
-    """Return the pulses of an entry; `podium`: structure for pulses that are given by ratios, or None."""
+    """Return the pulses of an entry. `podium` is the structure for pulses that are given by ratios, or None
+    if there is no structure."""
     pulse_class = PULSES[entry.kind]
     a_p = (
         entry.a_p
@@ -291,7 +308,8 @@ def _pulses(entry: models.Pulses, podium: Podium | None) -> list[AbstractExcitat
 
 
 def pulse_periods(entry: Any, podium: Podium | None) -> Any:
-    """Return the periods T_p of an entry, given directly or by ω_p/p of the podium [s]."""
+    """Return the periods T_p of an entry [s], which gives either T_p or the ratio ω_p/p with p of the
+    podium."""
     if entry.frequency_ratio is None:
         return entry.T_p
     return pulse_period(float(_require_structure(podium).p), np.asarray(entry.frequency_ratio))

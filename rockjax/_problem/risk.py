@@ -1,4 +1,4 @@
-"""The fragility curve of the table `[risk]`."""
+"""The fragility curve that the table `[risk]` of a problem file gives, and its comparison with a podium."""
 
 from __future__ import annotations
 
@@ -17,13 +17,15 @@ from . import models
 
 
 def fragility_of(settings: models.Risk, find: Callable[[str], Path]) -> Any:
-    """Return the curve of `[risk]`: a dataset from a file, a lognormal distribution, or None without either.
+    """Return the fragility curve of `[risk]`: the curve from a file if `fragility` names one, a lognormal
+    distribution if `median` and `dispersion` are given, otherwise None.
 
     - `settings`: the table `[risk]`
     - `find`: function that turns a file name of the table into a path
 
-    Raises `ValueError` if the file contains no fragility curve, if both a file and values are given, or
-    if only one of median and dispersion is given.
+    Raises `ValueError` if the file cannot be read or contains no fragility curve, if both a file and values
+    are given, or if only one of `median` and `dispersion` is given. For a model (.xml), it is also raised for
+    an unknown `structure`, and without `structure` if the model has several structures.
     """
     parameters = [value for value in (settings.median, settings.dispersion) if value is not None]
     if settings.fragility is None:
@@ -31,7 +33,10 @@ def fragility_of(settings: models.Risk, find: Callable[[str], Path]) -> Any:
             raise ValueError("a fragility curve needs both median and dispersion")
         return Lognormal(*map(jnp.asarray, parameters)) if parameters else None
     if parameters:
-        raise ValueError("fragility replaces median and dispersion; give the file or the values")
+        raise ValueError(
+            "`fragility` names a file, which replaces `median` and `dispersion`; give either the file or the "
+            "two values"
+        )
     path = find(settings.fragility)
     if path.suffix.lower() == ".xml":
         from rockjax._risk.files import read_fragility_model
@@ -42,15 +47,21 @@ def fragility_of(settings: models.Risk, find: Callable[[str], Path]) -> Any:
     data = load(path)
     if data.attrs["kind"] != "fragility":
         raise ValueError(
-            f"{path} contains a {data.attrs['kind']}, not a fragility; `rockjax fragility` writes one"
+            f"{path} contains a dataset of kind {data.attrs['kind']!r}, not a fragility curve; "
+            "`rockjax fragility` writes files with fragility curves"
         )
     return data
 
 
 def check_structure(curve: Any, podium: Podium, name: str) -> None:
-    """Raise `ValueError` if a fragility curve, from the file `name`, belongs to another structure.
+    """Raise `ValueError` if a fragility curve belongs to another structure, apart from the elevation.
 
-    Curves without parameters of a structure, such as those of OpenQuake, are not compared.
+    - `curve`: result of `fragility_of`. A curve that does not state the parameters of its structure, such as
+      a curve of OpenQuake, passes
+    - `podium`: the structure
+    - `name`: name of the curve's file, for the message
+
+    The elevation is not compared, because it changes only the forces in the joints, not overturning.
     """
     attrs = getattr(curve, "attrs", {})
     if "alpha_rad" not in attrs:
@@ -68,9 +79,14 @@ def check_structure(curve: Any, podium: Podium, name: str) -> None:
 
 
 def _curve_of_model(path: Path, model: dict[str, Any], structure: str | None) -> Any:
-    """Return the curve of a named structure; without a name, of the only structure of the model."""
+    """Return the curve of a structure in a model, a dict name → curve. `structure` is the name; None stands
+    for the only structure. Raises `ValueError` for an unknown name, and for None if there are several
+    structures."""
     if structure is None and len(model) > 1:
-        raise ValueError(f"{path} has several structures; choose one of {', '.join(model)} with --structure")
+        raise ValueError(
+            f"{path} has several structures; choose one of {', '.join(model)} by `structure` in [risk] or by "
+            "--structure"
+        )
     name = next(iter(model)) if structure is None else structure
     if name not in model:
         raise ValueError(f"{path} has no structure {name!r}; choose one of {', '.join(model)}")

@@ -25,17 +25,17 @@ Devices = Literal["all"] | Sequence[Any] | None
 
 
 class Job(NamedTuple):
-    """Data that a process needs, besides the store, to solve a chunk of a sweep."""
+    """All that a process needs to solve a chunk of a sweep, besides the store."""
 
     store: str  # path or URL
     fingerprint: str  # hash of the identity of the sweep
-    skeleton: Any  # (structures, excitations, initial, t_end) with names in place of their values
+    skeleton: Any  # (structures, excitations, initial, t_end) with names in place of the values
     options: Options
     is_float64: bool  # precision of the scenes: float64, otherwise float32
-    sensitivities: tuple[str, ...] = ()  # parameters of the sensitivities
+    sensitivities: tuple[str, ...] = ()  # parameters y for which y ∂/∂y of the peaks is computed
 
     def solve(self, k: int, threads: int | None, devices: Devices) -> ChunkRow:
-        """Solve a chunk and write it, unless another process has already done so.
+        """Solve a chunk and write its results, unless the store already has them.
 
         - `k`: index of the chunk
         - `threads`: number of CPU threads; None for all cores
@@ -72,7 +72,7 @@ def _open_store(job: Job) -> tuple[Store, SceneArrays]:
     store = Store.open(path)
     if store is None:
         raise RuntimeError(
-            f"{path}: this worker finds no store here; all workers must have access to it under this path"
+            f"{path}: this worker finds no store here; all workers must be able to open it by this path"
         )
     if store.identity["fingerprint"] != job.fingerprint:
         raise RuntimeError(f"{path} contains another sweep; remove it, or give this sweep another path")
@@ -99,7 +99,7 @@ def solve_scenes(
     - `options`: options of the scenes
     - `threads`: number of CPU threads; None for all cores
     - `devices`: JAX devices, as for [`rockjax.sweep`][]
-    - `sensitivities`: parameters of the sensitivities
+    - `sensitivities`: parameters y for which y ∂/∂y of the peaks is computed
     """
     stop = threading.Event()  # with this event `responses` catches Ctrl-C and raises `Interrupted`
     workers = _worker_arguments(devices, threads)

@@ -32,7 +32,7 @@ class Grid(NamedTuple):
     [`rockjax.sweep`][].
 
     - `structures`, `excitations`: a podium and a motion whose parameters broadcast to the shape of the grid
-    - `coords`: labels of each axis, in the order of the axes
+    - `coords`: name of each axis → labels along the axis, in the order of the axes
     """
 
     structures: Podium
@@ -60,7 +60,8 @@ def _describe_labels(labels: np.ndarray) -> str:
 
 
 def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _"]) -> Grid:
-    """Return a grid of scenes over named axes, in the order of the arguments. Call this function outside jit.
+    """Return a grid of scenes over named axes. The axes have the order of the arguments. Call this function
+    outside jit.
 
     - `structure`: a single podium, whose parameters the axes vary
     - `excitation`: a pulse, wavelet or record; or several motions (`Motions`, `Records`, a list), which
@@ -87,7 +88,7 @@ def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _
     shapes = {jnp.shape(y) for y in jax.tree.leaves(structure)} - {()}
     if shapes:
         raise ValueError(
-            f"grid: structure must be a single podium, got arrays of shape {shapes}; give them as axes"
+            f"grid: structure must be a single podium, got arrays of shape {shapes}; give the values as axes"
         )
     motion, labels = labelled_motion("grid", excitation)
     coords: Coords = {} if labels is None else {"motion": labels}

@@ -27,7 +27,8 @@ def is_local(path: str) -> bool:
 
 
 def require_creatable(path: str | Path) -> None:
-    """Raise `OSError` if the folder of a local store cannot be created; a created folder is removed again."""
+    """Raise `OSError` if the folder of a local store cannot be created. To find out, the folder is created
+    and removed again; its parent folders remain."""
     path = expand_path(path)
     if not is_local(path):
         return
@@ -42,7 +43,7 @@ def require_creatable(path: str | Path) -> None:
 
 
 def zarr_store(path: str) -> Any:
-    """Return the object that zarr and xarray open as the store at a path.
+    """Return the object that zarr and xarray accept as the store at a path.
 
     A local path becomes a `LocalStore`, because zarr takes a string with `#`, `?` or `:` for a URL.
     """
@@ -57,7 +58,9 @@ def zarr_store(path: str) -> Any:
 def atomic_folder(path: str) -> Iterator[str]:
     """Yield a temporary folder that is renamed to `path` at the end; for a URL, yield the URL itself.
 
-    A store at a URL is complete when its identity has been written, which is the last step.
+    A store at a URL is complete when its identity has been written, which is the last step. Raises `OSError`
+    if the folder cannot be written, and `TakenError` if another process has created a store at `path`
+    meanwhile.
     """
     if not is_local(path):
         yield path

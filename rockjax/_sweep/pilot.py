@@ -18,7 +18,7 @@ from .spec import SweepSpec
 from .store import compressed_size, variable_for
 
 SAMPLE_SIZES = (256, 16384)  # smallest and largest number of sampled scenes
-SCENES_PER_SAMPLE = 50  # scenes of the sweep for each sampled scene, within these limits
+SCENES_PER_SAMPLE = 50  # one of this number of scenes is sampled, within the limits `SAMPLE_SIZES`
 # Shortest and longest wall time of a chunk [s]. Writing the files of shorter chunks would take a large share
 # of the time; longer chunks would lose more work after a failure.
 CHUNK_SECONDS = 2.5, 10.0
@@ -32,17 +32,17 @@ class Pilot(NamedTuple):
 
     scenes: np.ndarray  # flat indices of the sampled scenes
     steps: np.ndarray  # number of trial steps of each scene
-    step_seconds: float  # time of one core for one trial step [s]
+    step_seconds: float  # time of one core, or of one device, for one trial step [s]
     variables: dict[str, Any]  # arrays of results, by name
     scene_bytes: float  # size of the results of a scene in the store [bytes]
     memory: int  # peak memory of the process that solved the sample [bytes]
 
     def chunk_size(self, scenes: int, cores: int, cores_of_chunk: int) -> int:
-        """Return the number of scenes of a chunk whose wall time is in `CHUNK_SECONDS`.
+        """Return the number of scenes for which the expected wall time of a chunk is in `CHUNK_SECONDS`.
 
         - `scenes`: number of scenes to solve
-        - `cores`: number of cores that solve the sweep
-        - `cores_of_chunk`: number of cores that solve one chunk
+        - `cores`: number of cores or devices that solve the sweep
+        - `cores_of_chunk`: number of cores or devices that solve one chunk
         """
         scene_seconds = max(1e-9, self.step_seconds * float(self.steps.mean()))
         low, high = CHUNK_SECONDS
@@ -50,9 +50,10 @@ class Pilot(NamedTuple):
         return max(1, round(seconds * cores_of_chunk / scene_seconds))
 
     def expected_steps(self, layout: ChunkLayout) -> np.ndarray:
-        """Return the expected trial steps of every chunk, shape (chunks,).
+        """Return the expected number of trial steps of every chunk, shape (chunks,).
 
-        The estimate for a chunk uses its sampled scenes, or all sampled scenes if the chunk has none.
+        The estimate for a chunk uses the sampled scenes in the chunk or, if it contains none, all sampled
+        scenes.
         """
         chunks = layout.chunk_of(self.scenes)
         sample_counts = np.bincount(chunks, minlength=layout.chunk_count)

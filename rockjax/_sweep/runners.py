@@ -138,7 +138,12 @@ def _first_line(error: BaseException) -> str:
 
 
 class ChunkProgress:
-    """Progress bar in expected trial steps (accepted and rejected), because chunks differ in cost."""
+    """Progress bar that counts expected trial steps (accepted and rejected), because chunks differ in cost.
+
+    - `store`: store of the sweep
+    - `unsolved`, `solved`: indices of the unsolved and the solved chunks
+    - `progress`: whether to show the bar
+    """
 
     def __init__(self, store: Store, unsolved: np.ndarray, solved: np.ndarray, progress: bool):
         from tqdm.auto import tqdm  # shown as a widget in notebooks
@@ -166,7 +171,8 @@ class ChunkProgress:
         return f"{self.done} of {self.count} chunks"
 
     def advance(self, k: int) -> None:
-        """Count chunk k as solved, and keep rounding errors from pushing the bar beyond its total."""
+        """Count chunk k as solved."""
         self.done += 1
         self.bar.set_description_str(self._describe(), refresh=False)
+        # The minimum keeps rounding errors from pushing the bar beyond its total.
         self.bar.update(min(float(self.expected[k]), self.bar.total - self.bar.n))

@@ -17,9 +17,9 @@ Arguments = tuple[Any, Any, Any, Any]  # (structures, excitations, initial, t_en
 class SceneArrays(NamedTuple):
     """The leaves of (structures, excitations, initial, t_end) of a grid of scenes.
 
-    - `arrays`: leaves by name, as arrays or objects that can be sliced like arrays. Their first axes are
-      those of the grid, each of full length or of length 1; the last axes belong to a single scene, such as
-      the samples of a record. Leaves common to all scenes do not have the axes of the grid
+    - `arrays`: leaves by name, as arrays or objects that can be sliced like arrays. The first axes of a leaf
+      are the axes of the grid, each of full length or of length 1; leaves that all scenes share do not have
+      them. The last axes belong to a single scene, such as the axis of a record's samples
     - `skeleton`: (structures, excitations, initial, t_end) with names in place of the leaves
     - `shape`: number of scenes along each axis of the grid
     """

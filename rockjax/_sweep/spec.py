@@ -32,7 +32,7 @@ class SweepSpec(NamedTuple):
     labels: dict[str, np.ndarray]  # labels along the axes, by name
     options: Options
     is_float64: bool  # precision of the scenes: float64, otherwise float32
-    sensitivities: tuple[str, ...] = ()  # parameters of the sensitivities
+    sensitivities: tuple[str, ...] = ()  # parameters y for which y ∂/∂y of the peaks is computed
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -45,7 +45,7 @@ class SweepSpec(NamedTuple):
 
     def identity(self, layout: ChunkLayout) -> dict[str, Any]:
         """Return the identity of this sweep: JSON values that differ if the results may differ."""
-        excluded = ("throw", "history", "_stride")  # do not change results
+        excluded = ("throw", "history", "_stride")  # options that do not change results
         fields = [field.name for field in dataclasses.fields(Options) if field.name not in excluded]
         values = {name: getattr(self.options, name) for name in fields}
         entries = {
@@ -68,9 +68,9 @@ class SweepSpec(NamedTuple):
 
 
 def _source_digest(output_class: type) -> str:
-    """Return a digest of the source of a user's output and of its base classes, to notice changed code.
+    """Return a digest of the source of a user's output class and its base classes, to notice changed code.
 
-    Return "" for classes without a source file.
+    Return "" if none of these classes has a source file.
     """
     sources = []
     for base in output_class.__mro__:
@@ -131,7 +131,8 @@ def _axes(coords, shape: tuple[int, ...]) -> tuple[tuple[str, ...], dict[str, np
 
 
 def check_same(store: Store, spec: SweepSpec, chunk: int | None) -> None:
-    """Raise `ValueError` unless a store contains this sweep, in chunks of `chunk` scenes (None: any size)."""
+    """Raise `ValueError` unless a store contains this sweep in chunks of `chunk` scenes. None accepts chunks
+    of any size."""
     layout = store.layout if chunk is None else ChunkLayout.from_chunk_size(spec.shape, chunk)
     differences = list(_differences(store.identity, spec.identity(layout)))
     if differences:

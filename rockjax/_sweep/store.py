@@ -31,13 +31,13 @@ if TYPE_CHECKING:
 
 FORMAT = 1  # version of the store format
 _IDENTITY = "sweep"  # attribute of the group `progress` that contains the identity of the sweep
-_LONG_INPUT = 1_000_000  # inputs and coordinates with more entries than this are stored in chunks
+_LONG_INPUT = 1_000_000  # longer inputs and coordinates are stored in chunks [number of values]
 
 
 class ChunkRow(NamedTuple):
     """Row of the group `progress` for a solved chunk."""
 
-    checksum: float
+    checksum: float  # CRC-32 of the results, see `checksum`
     seconds: float  # wall time [s]
     steps: float  # number of trial steps
     failed: float  # number of scenes that did not finish
@@ -203,7 +203,8 @@ class Store:
         return store
 
     def inputs(self) -> dict[str, Any]:
-        """Return the parameters of the scenes by name; long arrays are read when they are sliced."""
+        """Return the parameters of the scenes by name. Long arrays are not yet read, but when they are
+        sliced."""
         group: Any = self.group["inputs"]
         return {
             name: array if array.size > _LONG_INPUT and array.chunks != array.shape else array[...]
@@ -268,7 +269,8 @@ class Store:
         return row
 
     def dataset(self) -> xarray.Dataset:
-        """Return the sweep as a lazy dataset; unsolved scenes are NaN and have the result `interrupted`."""
+        """Return the sweep as a lazy dataset. Unsolved scenes have the result `interrupted` and NaN in place
+        of floating-point numbers (−1 in place of integers, False in place of flags)."""
         import xarray
 
         with _explain_damage(self.path):
@@ -282,10 +284,8 @@ def _read_identity(group: zarr.Group) -> dict[str, Any]:
 
 
 def _input_chunks(shape: tuple[int, ...], layout: ChunkLayout) -> tuple[int, ...]:
-    """Return the chunk shape of an input, equal to that of the results along the axes of the grid.
-
-    An input without the axes of the grid is one chunk.
-    """
+    """Return the shape of the chunks of an input. Along the axes of the grid they are as long as the chunks
+    of the results. An input without the axes of the grid is one chunk."""
     grid_ndim = len(layout.shape)
     if any(n not in (1, m) for n, m in zip(shape, layout.shape, strict=False)) or len(shape) < grid_ndim:
         return shape
@@ -302,7 +302,8 @@ def _coord_chunks(array: xarray.Variable, chunk_lengths: Mapping[str, int]) -> t
 
 @contextlib.contextmanager
 def _explain_damage(path: str) -> Iterator[None]:
-    """Replace errors of zarr about damaged metadata by a `ValueError` with the file and the remedy."""
+    """Return a context that replaces errors of zarr about damaged metadata by a `ValueError`, which names the
+    file and the remedy."""
     try:
         yield
     except (ValueError, KeyError, TypeError) as error:
@@ -352,7 +353,7 @@ def compressed_size(arrays: Mapping[str, np.ndarray]) -> int:
 
 
 def require_zarr() -> None:
-    """Raise `ImportError` that names the packages for sweeps which are not installed."""
+    """Raise `ImportError` if packages that sweeps need are not installed. The message names them."""
     missing = [name for name in ("zarr", "dask", "psutil") if importlib.util.find_spec(name) is None]
     if missing:
         raise ImportError(f"a sweep needs {', '.join(missing)}; install with: pip install 'rockjax[sweep]'")

@@ -68,8 +68,8 @@ def sweep(
     - `structures`, `excitations`, `initial`, `t_end`: as for [`rockjax.peak_responses`][]
     - `coords`: names of the axes in order, or a dictionary with their labels. The default is `scene` for one
       axis, and `scene_0`, `scene_1`, … for several
-    - `store`: a folder, or a URL that zarr can write to. With a `client`, all workers must have access to it
-      under this name
+    - `store`: a folder, or a URL that zarr can write to. With a `client`, all workers must have access to the
+      store under this path or URL
     - `options`: options of the scenes
     - `outputs`: requested outputs, instead of `options.outputs`
     - `sensitivities`: parameters y for which y ∂/∂y of every requested peak is stored, as in
@@ -83,8 +83,9 @@ def sweep(
     - `dry_run`: True to solve only a sample of the scenes and return a `SweepPlan` with the expected time,
       memory and disk space of the sweep; nothing is written
 
-    Returns the store as a lazy `xarray.Dataset`. Parameters that vary between scenes are its coordinates.
-    The `result` of scenes that do not finish names the cause, and a `RuntimeWarning` counts them.
+    Returns the store as a lazy `xarray.Dataset`, or a `SweepPlan` if `dry_run`. Parameters that vary between
+    scenes are coordinates of the dataset. The `result` of scenes that do not finish names the cause, and a
+    `RuntimeWarning` counts such scenes.
 
     Raises `ValueError` for invalid inputs and for a store with other parameters, options or versions;
     `OSError` if the store cannot be written; `RuntimeError` if workers fail; `ImportError` without the extra
@@ -190,8 +191,8 @@ class SweepPlan:
     - `chunks`: number of chunks
     - `done`: number of scenes already in the store
     - `steps`: expected number of remaining trial steps
-    - `core_seconds`: expected time of these steps on one core [s]
-    - `cores`: number of available cores
+    - `core_seconds`: expected time of the remaining trial steps on one core or device [s]
+    - `cores`: number of cores or devices that solve the sweep
     - `seconds`: expected wall time [s]
     - `memory`: expected memory of the process that solves a chunk [bytes]
     - `disk`: expected size of the store [bytes], usually too large, because neighbouring scenes of a grid
@@ -245,7 +246,7 @@ def _plan(
     runner: LocalRunner | DaskRunner,
     path: str,
 ) -> SweepPlan:
-    """Return the expected cost of a sweep, of which a store may already contain a part.
+    """Return the expected cost of a sweep. A store may already contain a part of the sweep.
 
     - `spec`, `layout`, `pilot`: specification of the sweep, its chunks, and a solved sample
     - `store`: the existing store, or None; `path`: path or URL of the store

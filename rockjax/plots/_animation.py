@@ -1,4 +1,4 @@
-"""Animation of the rocking podium."""
+"""Animation of the rocking podium, and its export to a file."""
 
 from __future__ import annotations
 
@@ -52,12 +52,13 @@ def animation(
 
     - `response`: a [`rockjax.Response`][] or its dataset
     - `columns`: number of columns to draw, ≥ 1; it does not affect the response
-    - `exaggerate`: factor on rotation, deformation and ground displacement, > 0 [–], stated in the picture
+    - `exaggerate`: factor on the drawn rotation, deformation and ground displacement, > 0 [–]; the picture
+      states the factor
     - `speed`: seconds of the scene per second of the animation, > 0; `fps`: frames per second of the
       animation, > 0
     - `start`, `end`: part of the scene to show [s], by default the whole scene
-    - `moving_ground`: whether to draw the displacement of the ground: ü_g integrated twice, from rest at the
-      start of the history
+    - `moving_ground`: whether to draw the horizontal displacement of the ground, which is ü_g integrated
+      twice, from rest at the start of the history
 
     Columns of width 2B and height 2H rotate about their edges, the beam moves by u_b and v_b, Eq. (13), and
     an elastic superstructure moves by u_t − u_b relative to the beam. The drawn sizes of beam and
@@ -74,8 +75,8 @@ def animation(
     start_time, end_time = (t[0] if start is None else start), (t[-1] if end is None else end)
     if not t[0] <= start_time < end_time <= t[-1]:
         raise ValueError(
-            f"{owner}: start < end must be within the history, "
-            f"{t[0]:g} … {t[-1]:g} s, got {start_time:g}, {end_time:g}"
+            f"{owner}: start and end must satisfy {t[0]:g} <= start < end <= {t[-1]:g} s, the ends of the "
+            f"history, got {start_time:g} and {end_time:g}"
         )
     times = np.arange(start_time, end_time + 1e-9, speed / fps)
     with in_style():
@@ -90,8 +91,9 @@ def save_animation(
 
     - `path`: file to write, `.gif` or `.mp4`; `.mp4` needs ffmpeg, from the system or the package
       `imageio-ffmpeg`
-    - `response`: a [`rockjax.Response`][] or its dataset; `dpi`: resolution
-    - `options`: as for [`rockjax.plots.animation`][]
+    - `response`: a [`rockjax.Response`][] or its dataset
+    - `dpi`: resolution, in dots per inch
+    - `options`: further arguments of [`rockjax.plots.animation`][]
 
     Raises `ValueError` for other suffixes and `RuntimeError` if ffmpeg is needed and missing.
     """
@@ -166,7 +168,7 @@ class _Stage:
         history_axes.plot(t, theta / self.alpha, color=COLOURS[2], ls="-", lw=1.0)
         (self.cursor,) = history_axes.plot([], [], "o", color=COLOURS[1], ms=5)
         history_axes.set(xlabel=TIME, ylabel=ROTATION, xlim=(times[0], times[-1]))
-        # The layout is solved for the first frame and then fixed.
+        # Matplotlib computes the layout for the first frame; later frames keep it.
         self.show(0)
         self.figure.draw_without_rendering()
         self.figure.set_layout_engine("none")
@@ -239,7 +241,8 @@ class _Stage:
         return [*self.columns, self.beam, self.soil, self.clock, self.cursor]
 
     def _show_floors(self, k: int, beam_x: float, base: float) -> None:
-        """Draw the masses on the beam and their columns; `beam_x`, `base`: middle and top of the beam [m]."""
+        """Draw, at frame k, the masses on the beam and the columns below them. The beam has its middle at
+        `beam_x` and its top at `base` [m]."""
         z, lower_shift, foot = np.linspace(0, 1, 21), 0.0, 0.0
         for floor, shift, slab, column_lines in zip(
             self.floors, self.floor_shifts[:, k], self.slabs, self.column_lines, strict=True

@@ -1,6 +1,8 @@
-"""Plots of overturning boundaries: least accelerations, windows of survival above them, sensitivities.
+"""Plots of overturning boundaries: least overturning accelerations, windows of survival above them, and
+sensitivities.
 
-The least acceleration jumps where another branch of the boundary becomes the lowest.
+As a function of frequency, the boundary has several branches. The least acceleration jumps where another
+branch becomes the lowest.
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
 def overturning_curve(dataset: xarray.Dataset, ax: Axes | None = None, **line) -> Axes:
     """Plot the minimum overturning acceleration of a rocking spectrum against frequency.
 
-    Refined boundaries are drawn if the spectrum contains them, otherwise steps between grid points.
+    If the spectrum contains refined boundaries, these are drawn, otherwise steps between grid points.
 
     - `dataset`: dataset of [`rockjax.rocking_spectrum`][]
     - `ax`: axes to draw into; `line`: arguments of `Axes.plot` or `Axes.step`
@@ -44,7 +46,7 @@ def overturning_curve(dataset: xarray.Dataset, ax: Axes | None = None, **line) -
 
 @styled
 def overturning_curves(panels: xarray.Dataset) -> Figure:
-    """Plot minimum overturning accelerations: one panel per η/γ, one curve per T_s.
+    """Plot least overturning accelerations against frequency: one panel per η/γ, one curve per T_s.
 
     `panels` is a rocking spectrum with the further dims `eta_over_gamma` and `T_s`.
     """
@@ -90,8 +92,9 @@ def _search_end(dataset: xarray.Dataset) -> float:
 def overturning_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, **line) -> Axes:
     """Plot the least overturning acceleration against frequency, with windows of survival above it shaded.
 
-    Dotted lines bridge jumps of the minimum to another branch of the boundary. Triangles mark ends of the
-    curve, beyond which no searched acceleration overturns. `ax.legend()` explains lines and marks.
+    Dotted lines mark jumps of the least acceleration to another branch of the boundary. Triangles mark ends
+    of the curve; at the frequencies beyond, no searched acceleration overturns. `ax.legend()` explains lines
+    and marks.
 
     - `dataset`: dataset of [`rockjax.overturning_spectrum`][]
     - `ax`: axes to draw into; `line`: arguments of `Axes.plot`
@@ -115,11 +118,16 @@ def overturning_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, **line
 def _survival_polygons(
     x: np.ndarray, boundaries: np.ndarray, highest: float
 ) -> list[list[tuple[float, float]]]:
-    """Return the polygons of the windows of survival; the uppermost window may end at `highest`.
+    """Return the polygons of the windows of survival.
+
+    - `x`: frequencies, shape (n,)
+    - `boundaries`: boundaries at each frequency, ascending, shape (n, largest number of boundaries), padded
+      with NaN
+    - `highest`: end of a window that has no upper boundary
 
     At each x, windows extend from the second boundary to the third, from the fourth to the fifth, and so on.
     A window is connected to the overlapping windows at the next x; a window without such a neighbour ends
-    half-way.
+    half-way to the next x.
     """
     windows: list[list[tuple[float, float]]] = []
     for row in boundaries:
@@ -140,7 +148,8 @@ def _survival_polygons(
 
 
 def _find_jumps(curve: np.ndarray) -> np.ndarray:
-    """Return the indices before jumps of a curve: steps above 5 % and above 2.5 times their neighbours."""
+    """Return the indices of the points before jumps of a curve: before steps of more than 5 % that are also
+    more than 2.5 times as large as the steps on either side."""
     step = np.abs(np.diff(curve)) / np.maximum(curve[:-1], 1e-300)
     neighbours = np.fmax(np.r_[0, step[:-1]], np.r_[step[1:], 0])
     return np.flatnonzero((step > 0.05) & (step > 2.5 * neighbours))
@@ -224,7 +233,7 @@ def sensitivities(panels: xarray.Dataset) -> Figure:
 
 
 def _set_limits(ax: Axes, values: np.ndarray) -> None:
-    """Set limits of the vertical axis that exclude unbounded values at the ends of branches."""
+    """Set limits of the vertical axis that exclude the very large values at the ends of branches."""
     finite = values[np.isfinite(values)]
     if finite.size:
         lo, hi = np.percentile(finite, [2, 96])

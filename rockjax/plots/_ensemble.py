@@ -1,4 +1,5 @@
-"""Plots of ensembles: empirical distribution functions with their bands, and quantiles of two ensembles."""
+"""Plots of ensembles: empirical distribution functions with confidence bands, and the quantiles of two
+ensembles against each other."""
 
 from __future__ import annotations
 
@@ -30,7 +31,7 @@ def ensemble(
     component: int | None = None,
     confidence: float = CONFIDENCE,
 ) -> Axes:
-    """Plot empirical distribution functions of an output with their bands, a curve for each ensemble.
+    """Plot empirical distribution functions of an output with confidence bands, a curve for each ensemble.
 
     - `ensembles`: a [`rockjax.Ensemble`][] or its dataset; or a dict label → ensemble for several curves
     - `ax`: axes to draw into
@@ -134,7 +135,8 @@ def _members(ensembles: Any) -> dict[str, Ensemble]:
 
 
 def _limits(values: np.ndarray, output: str, members: Mapping[str, Ensemble]) -> tuple[float, float]:
-    """Return the limits of the axis: 0 to the overturn ratio for rotations, else those of finite values."""
+    """Return the limits of the axis: 0 to the overturn ratio for rotations, otherwise the range of the finite
+    values with some padding."""
     if output == "peak_rotation":
         return 0.0, max(float(y.data.attrs["overturn_ratio"]) for y in members.values())
     values = values[np.isfinite(values)]

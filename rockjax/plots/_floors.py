@@ -14,13 +14,13 @@ if TYPE_CHECKING:
     import xarray
 
 MAX_COLUMNS = 3  # largest number of panels in a row
-# prefix of the variable → (label, line style)
+# Prefix of a variable's name → (label, line style).
 CURVES: dict[str, tuple[str, dict[str, Any]]] = {
     "ground_": ("ground", {"color": "0.55", "linestyle": "--"}),
     "fixed_base_": ("fixed base", {"color": COLOURS[2], "linestyle": "-."}),
     "": ("podium", {"color": COLOURS[1], "linestyle": "-"}),
 }
-# quantity → (axis label, whether it is drawn in units of g)
+# Quantity → (axis label, whether it is drawn in units of g).
 LABELS = {
     "pseudo_acceleration": ("pseudo-acceleration [g]", True),
     "absolute_acceleration": ("absolute acceleration [g]", True),
@@ -40,8 +40,9 @@ def floor_spectrum(
     - `damping`: ζ of the oscillators, by default the first of the dataset
 
     With several motions, curves are medians over the motions. The podium also has a thin line for each
-    motion; motions that overturn it are left out. In spectra of accelerations, levels without velocity jumps
-    have a mark at their peak acceleration. Raises `ValueError` for another quantity or damping.
+    motion; motions that overturn the podium are left out of thin lines and median. In spectra of
+    accelerations, a level without velocity jumps has a mark on the left axis at its peak acceleration (with
+    several motions, at the median of the peaks). Raises `ValueError` for another quantity or damping.
     """
     if quantity not in LABELS:
         raise ValueError(f"plots.floor_spectrum: quantity must be one of {tuple(LABELS)}, got {quantity!r}")
@@ -86,7 +87,7 @@ def _draw(ax: Axes, data: xarray.Dataset, name: str, prefix: str, level: Any, un
     """Draw the spectra of ground, fixed base or podium at a level, if the dataset has them.
 
     - `ax`: axes to draw into; `data`: dataset with a single damping ratio
-    - `name`: name of the variable; `prefix`: its prefix, a key of `CURVES`
+    - `name`: name of the variable; `prefix`: prefix of this name, a key of `CURVES`
     - `level`: the level; `unit`: unit of the axis, in SI
     """
     if name not in data or (prefix == "fixed_base_" and level == "deck"):

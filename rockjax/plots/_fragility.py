@@ -37,8 +37,9 @@ def incremental_dynamic_analysis(dataset: xarray.Dataset, ax: Axes | None = None
     """Plot intensity against peak rotation, one curve for each record, with points at levels that the
     record survives.
 
-    At the limit state, the right edge, crosses mark the least overturning intensities, and dashes mark the
-    boundaries of survival windows above them. `dataset` is from [`rockjax.incremental_dynamic_analysis`][].
+    At the right edge, which is the limit state, crosses mark the least overturning intensities, and dashes
+    mark the boundaries of the survival windows above these intensities. `dataset` is from
+    [`rockjax.incremental_dynamic_analysis`][].
     """
     assert ax is not None
     ratio = dataset.attrs["overturn_ratio"]
@@ -90,7 +91,8 @@ def incremental_dynamic_analysis(dataset: xarray.Dataset, ax: Axes | None = None
 def fragility(
     dataset: xarray.Dataset, ax: Axes | None = None, label: str | None = None, colour: str = COLOURS[2]
 ) -> Axes:
-    """Plot the probability of overturning against intensity, with its confidence band and observed fractions.
+    """Plot the probability of overturning against intensity, with the confidence band if the dataset has one,
+    and observed fractions.
 
     - `dataset`: dataset of [`rockjax.fragility`][]
     - `ax`: axes to draw into; several curves may share them
@@ -180,7 +182,8 @@ def _state_label(state: float) -> str:
 
 
 def _describe_fractions(capacity: np.ndarray, records: int, levels: np.ndarray, observed: np.ndarray) -> str:
-    """Describe the observed fractions, and why they may be below the fractions of first overturning.
+    """Return the legend entry of the observed fractions. It says why they are lower than the fractions of
+    records with a least overturning intensity below the level, if they are.
 
     - `capacity`: least overturning intensities, ascending; `records`: number of records
     - `levels`, `observed`: intensities, and the fractions of records that overturn at them

@@ -38,7 +38,8 @@ class Picture:
 
 
 def _with_panel_dims(draw: Callable[[xarray.Dataset], Figure]) -> Callable[[xarray.Dataset], Figure]:
-    """Return a function that also draws a single spectrum, as one panel."""
+    """Return the function `draw`, extended to a spectrum of one podium, without the dims of panels; such a
+    spectrum is drawn as one panel."""
 
     def figure(data: xarray.Dataset) -> Figure:
         if "eta_over_gamma" not in data.dims:
@@ -99,7 +100,8 @@ PICTURES: dict[str, dict[str, Picture]] = {
 
 
 def load(path: str | Path) -> xarray.Dataset:
-    """Return a dataset that rockjax wrote. Raises `ValueError` with the cause for other files."""
+    """Return the dataset in a file that rockjax wrote. Raises `ValueError` with the cause for other files,
+    and for files of interrupted runs."""
     import xarray
 
     if not Path(path).is_file():
@@ -135,12 +137,12 @@ def _groups(path: str | Path) -> dict[str, xarray.Dataset]:
 def redraw(
     path: str | Path, prefix: str | Path | None = None, names: Sequence[str] = (), suffix: str = ".png"
 ) -> list[Path]:
-    """Write the pictures of a file to PREFIX-NAME.png (animations to PREFIX-NAME.gif).
+    """Write the pictures of a file to PREFIX-NAME and a suffix, by default .png (animations: always .gif).
 
     - `path`: file that rockjax wrote
     - `prefix`: PREFIX, by default the path without its suffix
-    - `names`: names of the pictures, by default all with `Picture.default`
-    - `suffix`: suffix of the pictures, such as ".png"
+    - `names`: names of the pictures, by default all whose field `default` is True
+    - `suffix`: suffix of the pictures except animations, such as ".png"
 
     Returns the written paths. Raises `ValueError` for files that rockjax did not write, and for names of
     pictures that the file does not have.

@@ -1,6 +1,6 @@
 """Plots of one scene: histories, phase portrait, moment against rotation, and the balance of energy.
 
-Each function takes a [`rockjax.Response`][], or its dataset, which `rockjax response` writes.
+Each function takes a [`rockjax.Response`][] or the dataset of a response, which `rockjax response` writes.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 TIME = "time [s]"
 MAX_COLOURS = 6  # largest number of curves with distinct colours; more curves use a colour scale
 MAX_LEGEND_ROWS = 10
-# Contact mode (0, or the sign of θ) → name and colour, from light to dark, to differ in greyscale as well.
+# Contact mode (0 for full contact, otherwise the sign of θ) → name and colour. The colours range from light
+# to dark, so that they also differ in greyscale.
 _CONTACT_MODES = {
     0: ("full contact", "#E4E4E4"),
     -1: ("rocking left", "#F2B872"),
@@ -53,8 +54,8 @@ def as_history(response: Response | xarray.Dataset) -> xarray.Dataset:
 def time_limits(data: xarray.Dataset) -> tuple[float, float]:
     """Return the limits of the time axis [s].
 
-    The axis ends after 1.2 times the time until the last impact, or at a later peak, uplift or overturning.
-    Without impacts it ends with the history.
+    The axis ends after 1.2 times the time until the last impact, or at a later peak, uplift or overturning,
+    but not after the history. Without impacts it ends with the history.
     """
     t, impacts = data["time"].values, data["impact_times"].values
     if not impacts.size:
@@ -66,7 +67,7 @@ def time_limits(data: xarray.Dataset) -> tuple[float, float]:
 
 
 def vibrates(attributes: Mapping[str, Any]) -> bool:
-    """Return whether the attributes of a file describe an elastic superstructure."""
+    """Return whether the attributes of a dataset describe an elastic superstructure."""
     return attributes["superstructure"] != "none" and attributes.get("T_s_s", 0.0) > 0
 
 
@@ -133,8 +134,8 @@ def _draw_contact_modes(t: np.ndarray, mode: np.ndarray, ax: Axes) -> None:
 
 @on_axes
 def deformation_history(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Plot the deformation u_t − u_b of each mode, or the drift of each story of a building, over time [mm].
-    Without an elastic superstructure the deformation is 0."""
+    """Plot the deformation u_t − u_b of the superstructure or of each of its modes over time, or for a
+    building the drift of each story [mm]. Without an elastic superstructure the deformation is 0."""
     assert ax is not None
     data = as_history(response)
     name = "drift" if "drift" in data else "deformation"
@@ -191,7 +192,7 @@ def _draw_lines(data: xarray.Dataset, values: np.ndarray, title: str, label: str
 
 
 def _draw_line(data: xarray.Dataset, values: np.ndarray, label: str, colour: str, ax: Axes) -> Axes:
-    """Draw values over time as one line; return the axes."""
+    """Draw values over time as one line in `ax`, and return `ax`."""
     t = data["time"].values
     ax.axhline(0, color="0.7", lw=0.6, zorder=0)
     ax.plot(t, values, color=colour, ls="-", lw=1.2)
@@ -205,7 +206,8 @@ def phase_portrait(response: Response | xarray.Dataset, ax: Axes | None = None) 
 
     At the saddle points θ = ±α (±θ_s with tendons), columns are in unstable equilibrium, Eq. (24). The
     separatrices pass through the saddle points. They assume a rigid superstructure and no ground motion,
-    impacts or dampers: ½(1+λ+4γ)R²θ̇² = P(α) − P(θ), with the potential energy P, Eqs. (18), (19).
+    impacts or dampers. Without tendons and inerters they are ½(1+λ+4γ+4η)R²θ̇² = P(α) − P(θ), with the
+    potential energy P, from Eqs. (18), (19).
     """
     assert ax is not None
     data = as_history(response)
@@ -254,8 +256,12 @@ def phase_portrait(response: Response | xarray.Dataset, ax: Axes | None = None) 
 
 
 def separatrix(data: xarray.Dataset, theta: np.ndarray) -> np.ndarray:
-    """Return |θ̇| [rad/s] on the separatrices of the rigid, undamped frame at rotations θ, on both sides of
-    the saddle points; 0 where P(θ) exceeds P at `saddle_rotation`."""
+    """Return |θ̇| [rad/s] on the separatrices of the rigid, undamped frame, also at rotations beyond the
+    saddle points; 0 where the potential energy exceeds that of the saddle points.
+
+    - `data`: dataset of a response
+    - `theta`: rotations θ, shape (n,) [rad]
+    """
     podium = podium_of(data.attrs)
     if podium.vibrates:
         podium = podium.replace(superstructure=Rigid(podium.eta))
@@ -267,8 +273,8 @@ def separatrix(data: xarray.Dataset, theta: np.ndarray) -> np.ndarray:
 
 
 def saddle_rotation(podium: Podium) -> float:
-    """Return |θ| at the saddle points [rad]: `Podium.stability_angle`, which is α without tendons. Return π/2
-    if tendons restore the columns at every rotation, so that the stability angle is inf."""
+    """Return |θ| at the saddle points [rad]: `Podium.stability_angle`, which is α without tendons, but at
+    most π/2. The stability angle is inf if tendons restore the columns at every rotation."""
     return min(float(podium.stability_angle), 0.5 * np.pi)
 
 
@@ -313,8 +319,8 @@ def moment_rotation(response: Response | xarray.Dataset, ax: Axes | None = None)
 def energy_balance(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Plot the energies of `Response.energies` over time.
 
-    They are divided by the potential energy of the weights at θ = α, the energy to overturn from rest without
-    tendons.
+    The energies are divided by P(α), the potential energy of the weights at θ = α, which is the energy needed
+    to overturn the columns from rest without tendons.
 
     The work of the ground equals the change of the mechanical energy plus the energy lost at impacts and in
     dampers, plus a residual that measures the error of the history.

@@ -30,8 +30,9 @@ _MAX_AXIS = 4.0  # upper limit of the friction axis if a joint opens, divided by
 
 
 def _history_with_joints(response: Response | xarray.Dataset) -> xarray.Dataset:
-    """Return the dataset of a response with forces in the joints that carry dead load. The top joint of a
-    solitary block is omitted. Raises `ValueError` for a dataset without forces in the joints."""
+    """Return the dataset of a response, including the forces in the joints. Joints without dead load, such as
+    the top joint of a solitary block, are left out. Raises `ValueError` for a dataset without forces in the
+    joints."""
     data = as_history(response)
     if "joint_axial_force" not in data:
         if not isinstance(response, Response):
@@ -47,9 +48,11 @@ def _history_with_joints(response: Response | xarray.Dataset) -> xarray.Dataset:
 @on_axes
 def joint_forces(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Plot the axial forces N/(m_c g) of both end columns over time, with the dead load of the mean column.
+    m_c is the mass of a column.
 
-    The forces of other columns lie between these two. Without an elevation the mean column is drawn. Times at
-    which a joint would be open, N < 0, are shaded; the model does not hold after the first such time.
+    The forces of other columns lie between those of the end columns. For a podium without an elevation, only
+    the forces of the mean column are known and drawn. Times at which a joint would be open, N < 0, are
+    shaded; the model does not hold after the first such time.
 
     - `response`: a [`rockjax.Response`][], or its dataset if an output of the joints was requested
     - `ax`: axes to draw into
@@ -80,7 +83,7 @@ def joint_forces(response: Response | xarray.Dataset, ax: Axes | None = None) ->
 
 
 def _end_columns(data: xarray.Dataset) -> dict[str, int]:
-    """Return the indices of the outermost columns by name."""
+    """Return the indices of the outermost columns by name; without an elevation, that of the mean column."""
     elevation = podium_of(data.attrs).elevation
     if elevation is None:
         return {"mean column": 0}
@@ -89,8 +92,8 @@ def _end_columns(data: xarray.Dataset) -> dict[str, int]:
 
 
 def _mark_least(data: xarray.Dataset, ax: Axes) -> None:
-    """Mark the least sampled ratio of force to dead load. The label gives the exact ratio if the output
-    `"axial_force"` was requested, else the sampled ratio."""
+    """Mark the sample with the least ratio of axial force to dead load. The label gives the exact least ratio
+    if the output `"axial_force"` was requested, otherwise the ratio of the sample."""
     forces, loads = data["joint_axial_force"].values, data["dead_load"].values
     ratios = np.where(np.isnan(forces), np.inf, forces) / loads
     k, column, joint = np.unravel_index(np.argmin(ratios), ratios.shape)
@@ -118,7 +121,8 @@ def _shade_open_joints(data: xarray.Dataset, ax: Axes) -> None:
 def friction_demand(
     response: Response | xarray.Dataset, ax: Axes | None = None, friction: float | None = None
 ) -> Axes:
-    """Plot the friction demand |T|/N of the worst column over time at both joints, and at impacts.
+    """Plot the friction demand |T|/N of the worst column over time at both joints, and |J_T|/J_N at impacts.
+    T and N are the shear and the axial force of a joint, J_T and J_N their impulses at an impact.
 
     A dotted line marks tan α, which the demand of heavy frames rarely exceeds. Times at which a joint would
     be open are shaded; near these times the demand grows without bound and leaves the axes.

@@ -35,7 +35,7 @@ def grid_of_panels(
     """Make a figure of equal panels below a title that describes structure and pulse.
 
     - `rows`, `columns`: numbers of panels
-    - `width`, `height`: size of each panel; `left`, `right`: margins [inches]
+    - `width`, `height`: size of each panel [inches]; `left`, `right`: margins of the figure [inches]
     - `panels`: dataset with the attributes for the description
     - `title`: text before the description
     - `sharey`: as in `Figure.subplots`
@@ -87,7 +87,8 @@ def panels_title(panels: xarray.Dataset) -> str:
 
 
 def _describe_devices(attributes: Mapping[str, Any]) -> str:
-    """Return the devices and their parameters on a new line; empty if there are no devices."""
+    """Return a line that lists tendons, dampers and inerters with their parameters, after a line break; empty
+    without such devices."""
     descriptions = []
     for device in json.loads(attributes.get("restrainers", "[]")):
         from rockjax._parameters.variants import find_parameter  # imports JAX, which other plots do not need
@@ -105,7 +106,7 @@ def _describe_devices(attributes: Mapping[str, Any]) -> str:
 
 
 def mass_label(panels: xarray.Dataset, ratio: float) -> str:
-    """Return the label of a superstructure's mass with the ratio η/γ."""
+    """Return the label of the mass of a superstructure; `ratio` is η/γ."""
     if ratio == 0:
         return "solitary block" if _is_block(panels) else "no superstructure"
     if math.isinf(ratio):
@@ -115,7 +116,8 @@ def mass_label(panels: xarray.Dataset, ratio: float) -> str:
 
 
 def period_label(panels: xarray.Dataset, ratio: float, T_s: float) -> str:
-    """Return the label of a superstructure: its period, or its mass if it has no period."""
+    """Return the label of a superstructure with mass ratio η/γ = `ratio` and period `T_s` [s]: the period, or
+    that it is rigid or absent."""
     if T_s > 0:
         return rf"$T_s = {T_s:g}$ s"
     return r"rigid, $T_s = 0$" if ratio else mass_label(panels, ratio)

@@ -29,9 +29,9 @@ def peaks(dataset: xarray.Dataset, outputs: Sequence[str] | None = None) -> Figu
     - `dataset`: peaks along the dim `motion`, as written by `rockjax peaks`
     - `outputs`: names of outputs such as `"peak_rotation"`; by default all peaks of the dataset
 
-    Each panel shows the worst story or joint. Motions that overturn the columns have an open mark: their
-    peaks are those until overturning. The dashed line is the median of the other motions, if it is finite.
-    An arrow at the right edge marks an infinite friction demand, where a joint opens.
+    Each panel shows the worst story or joint. For motions that overturn the columns, an open mark shows the
+    peak until overturning. The dashed line is the median of the other motions, if this is finite. An arrow at
+    the right edge marks an infinite friction demand, which means that a joint opens.
 
     Raises `ValueError` for outputs that the dataset does not have.
     """

@@ -12,16 +12,17 @@ from ._style import COLOURS, plt, styled
 if TYPE_CHECKING:
     import xarray
 
-MAX_COLOURS = 6  # with more records, all curves are grey and the median is drawn
+MAX_COLOURS = 6  # with more records, all curves are grey and the medians are drawn
 
 
 @styled
 def record_spectrum(dataset: xarray.Dataset) -> Figure:
-    """Plot PGA divided by the least overturning PGA (`demand`), and the largest displacement of the top,
-    against p.
+    """Plot the PGA of each record divided by its least overturning PGA (`demand`), and the largest
+    displacement of the top of the columns, against the frequency parameter p.
 
-    `dataset` is from [`rockjax.record_spectrum`][]. With many records, medians are drawn. A demand of NaN
-    counts as 0 in the median, and the displacement of a structure that overturns as infinite.
+    `dataset` is from [`rockjax.record_spectrum`][]. With more than six records, the curves are grey and
+    medians are added. In the medians, a demand of NaN counts as 0, and the displacement of a structure that
+    overturns counts as infinite.
     """
     p, names = dataset["p"].values, dataset["record"].values
     figure = plt.figure(figsize=(5.6, 5.6), layout="constrained")

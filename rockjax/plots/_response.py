@@ -25,7 +25,7 @@ def response(response: Response | xarray.Dataset, figure: Figure | None = None, 
 
     - `response`: a [`rockjax.Response`][] or its dataset
     - `figure`: figure to draw into, by default a new one
-    - `points`: number of times to draw, for a `Response`
+    - `points`: number of times at which a `Response` is evaluated; ignored for a dataset
     """
     if isinstance(response, Response):
         response = response.dataset(np.linspace(*response.span, points))

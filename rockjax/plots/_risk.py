@@ -1,4 +1,4 @@
-"""Plots of risk: hazard, fragility, contributions of intensities, and the motion of a design point."""
+"""Plots of risk: hazard, fragility and contributions of intensities, and the response at a design point."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def risk(dataset: xarray.Dataset) -> Figure:
     `dataset` is from [`rockjax.disaggregation`][].
     """
     x, density = dataset["intensity"].values, dataset["density"].values
-    # Intensities below `low` contribute a thousandth of the rate, and so do those above `high`.
+    # Intensities below `low` contribute a thousandth of the failure rate; so do intensities above `high`.
     integral = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(np.log(x)))])
     low, high = np.interp([1e-3, 1 - 1e-3], integral / integral[-1], x)
     figure = plt.figure(figsize=(5.6, 6.4), layout="constrained")
@@ -59,7 +59,7 @@ def risk(dataset: xarray.Dataset) -> Figure:
 
 @styled
 def design_point(point: DesignPoint, podium: Podium) -> Figure:
-    """Plot the response of a podium to the motion of a design point, which lies on the limit state.
+    """Plot the response of a podium to the motion of a design point. Such a motion lies on the limit state.
 
     - `point`: one of [`rockjax.design_points`][] of the podium; `podium`: the podium
     """

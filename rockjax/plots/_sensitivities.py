@@ -17,8 +17,8 @@ from ._style import ACCELERATION_RATIO, FREQUENCY_RATIO, OVERTURNED_COLOUR, on_a
 if TYPE_CHECKING:
     import xarray
 
-# Derivatives grow without bound towards the overturning boundary, so the levels are nearly logarithmic on
-# both sides of zero.
+# Limits of the colours. Derivatives grow without bound towards the overturning boundary, so that the limits
+# are nearly logarithmic on both sides of zero.
 STEPS = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 LEVELS = (*(-step for step in reversed(STEPS)), *STEPS)
 COLOUR_MAP = "RdBu_r"
@@ -48,7 +48,7 @@ def sensitivity_spectrum(
 
 
 def _slope(dataset: xarray.Dataset, parameter: str | None) -> xarray.DataArray:
-    """Return the sensitivities to a parameter, by default the first."""
+    """Return the sensitivities to a parameter; None stands for the first parameter of the dataset."""
     available = list(map(str, dataset["parameter"].values)) if "peak_rotation_sensitivity" in dataset else []
     if not available or (parameter is not None and parameter not in available):
         requested = f"{parameter!r}, only to {available}" if available else "any parameter"

@@ -82,16 +82,18 @@ def dimensional_axes(
 
 
 def _period(ratio, p):
-    """Return T_p from ω_p/p, or ω_p/p from T_p, because T_p (ω_p/p) = 2π/p."""
+    """Return T_p for a given ω_p/p, or ω_p/p for a given T_p; both have the formula 2π/p divided by the
+    other."""
     with np.errstate(divide="ignore"):
         return 2 * math.pi / p / np.asarray(ratio, float)
 
 
 @styled
 def spectra(panels: xarray.Dataset) -> Figure:
-    """Plot rocking spectra in the layout of the paper's Fig. 6: one row per η/γ, one column per T_s.
+    """Plot rocking spectra of several podiums: one row per η/γ, one column per T_s.
 
-    `panels` is a rocking spectrum with the further dims `eta_over_gamma` and `T_s`.
+    This is the layout of Fig. 6 of the paper that docs/citing.md names. `panels` is a rocking spectrum with
+    the further dims `eta_over_gamma` and `T_s`.
     """
     return draw_panels(panels, rocking_spectrum)
 

@@ -27,7 +27,7 @@ STATISTICS, CURVE, HAZARD, MACHINES = "Statistics", "Fragility", "Hazard", "Mach
 
 
 class Flag(NamedTuple):
-    """A command-line option for a key.
+    """The command-line option that sets a key.
 
     - `panel`: heading above the option in the help
     - `name`: name of the option; an empty string for the name of the key
@@ -44,7 +44,7 @@ class Flag(NamedTuple):
 
 
 def key(default: Any, meaning: str, panel: str = "", name: str = "") -> Any:
-    """Return the field of a key; with a `panel`, the key is also an option of the command line.
+    """Return the pydantic field of a key. If `panel` is given, the key is also an option of the command line.
 
     - `default`: default value, `...` for a required key; `meaning`: description of the key, with the unit
     - `panel`: heading of the option in the help; `name`: name of the option if it differs from the key
@@ -108,7 +108,7 @@ else:
 
 
 class Keys(BaseModel):
-    """A table of a problem file; unknown keys are errors."""
+    """Base class of the tables of a problem file; unknown keys are errors."""
 
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True, defer_build=True)
 
@@ -124,13 +124,14 @@ class Keys(BaseModel):
         return given
 
     def as_arguments(self, *without: str) -> dict[str, Any]:
-        """Return the keys and values that the table has, except the keys in `without`."""
+        """Return key → value for the keys that the table sets, except those in `without`."""
         names = [name for name in type(self).model_fields if name in self.model_fields_set - set(without)]
         return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
 
 
 def require_one(given: Mapping[str, Any], *names: str) -> str:
-    """Return which of the keys `names` is given. Raises `ValueError` unless exactly one is given."""
+    """Return the one key among `names` whose value in `given` is not None. Raises `ValueError` unless there
+    is exactly one."""
     found = [name for name in names if given.get(name) is not None]
     if len(found) != 1:
         raise ValueError(f"needs {' or '.join(names)}" + (", not both" if found else ""))

@@ -11,7 +11,7 @@ from .studies import OneMotion
 
 
 class Span(Keys):
-    """Values of an axis at equal distances or at equal ratios."""
+    """Values of an axis between two ends, with equal distances or equal ratios of neighbouring values."""
 
     low: Number = Field(alias="from", description="First value.")
     high: Number = Field(alias="to", description="Last value.")

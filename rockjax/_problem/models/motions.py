@@ -28,7 +28,8 @@ from .fields import (
 
 
 class Pulses(Keys):
-    """Pulses. Lists of amplitudes and periods must have equal lengths; a single value applies to all."""
+    """Pulses. Lists of amplitudes and periods must have equal lengths; a single amplitude or period applies
+    to all pulses."""
 
     kind: PulseName = key("ricker", "Kind of the pulse.", MOTION, "--pulse")
     acceleration_ratio: OneOrMore | None = key(None, "Amplitude of the pulse a_p/(g tan α) [–].", MOTION)
@@ -88,7 +89,9 @@ class Suite(_Recorded):
     @model_validator(mode="after")
     def _check(self) -> Suite:
         if self.paired and self.vertical_ratio is not None:
-            raise ValueError("has both vertical_ratio and a vertical record; give one of them")
+            raise ValueError(
+                "has both vertical_ratio and paired, which uses vertical records; give one of them"
+            )
         return self
 
 
@@ -99,7 +102,7 @@ class Synthetic(Keys):
     seed: Index = key(0, "Seed of the random numbers; the same seed gives the same motions.", MOTION)
     dt: Positive = key(0.01, "Sampling interval [s].", MOTION)
     duration: Positive = key(20.0, "Duration [s].", MOTION)
-    pga: Positive = key(2.94, "Peak acceleration of the noise [m/s²].", MOTION)
+    pga: Positive = key(2.94, "Peak acceleration of each motion [m/s²].", MOTION)
     omega_g: Positive = key(15.0, "Frequency of the soil ω_g [rad/s].", MOTION)
     zeta_g: Positive = key(0.6, "Damping ratio of the soil ζ_g [–].", MOTION)
     vertical_ratio: Number | None = key(None, "Ratio of vertical to horizontal ground acceleration [–].")

@@ -31,7 +31,7 @@ class GaussianKeys(Keys):
 
 
 class Project(Keys):
-    """Texts of `rockjax report`, which change no number."""
+    """Texts in the report of `rockjax report`. They change no number."""
 
     title: str | None = key(None, "Title of the report; by default the name of the file.")
     subject: str | None = key(None, "Subject of the report.")

@@ -30,7 +30,7 @@ from .fields import (
 
 
 def type_of(entry: registry.Parameter) -> Any:
-    """Return the type of the key of a parameter, with its range."""
+    """Return the type of the key for a parameter, including the range of valid values."""
     if entry.is_integer:
         return Count
     closed, (low, high) = entry.range.closed, entry.range[:2]
@@ -53,7 +53,11 @@ _NOTES = {
 
 
 def make_field(name: str, entry: registry.Parameter, needed: bool = False) -> Any:
-    """Return the type and the field of a parameter; `needed`: whether the key is required."""
+    """Return the type and the field of the key for a parameter.
+
+    - `name`, `entry`: name of the parameter, and its entry in the registry
+    - `needed`: whether the key is required
+    """
     # `damping` has no option of its own: --zeta sets `zeta` or `damping`.
     panel = "" if name == "damping" or entry.attribute_path.count(".") > 1 else STRUCTURE
     note = _NOTES.get(name) or (f"; {entry.note}" if entry.note else "")
@@ -62,14 +66,14 @@ def make_field(name: str, entry: registry.Parameter, needed: bool = False) -> An
 
 
 def make_model(entries: Mapping[str, registry.Parameter], *needed: str) -> Any:
-    """Return a model with a key for each parameter; the keys in `needed` are required."""
+    """Return a model with a key for each parameter in `entries`; the keys in `needed` are required."""
     fields: Any = {name: make_field(name, entry, name in needed) for name, entry in entries.items()}
     return create_model("Parameters", __base__=Keys, **fields)
 
 
 def _stored_in(*parts: str) -> dict[str, registry.Parameter]:
-    """Return the structural parameters, except width and height, that one of the `parts` of a podium
-    holds."""
+    """Return the structural parameters whose attribute path begins with one of `parts`, except width and
+    height."""
     entries = {
         name: entry for name, entry in registry.STRUCTURE.items() if name not in registry.WIDTH_AND_HEIGHT
     }
@@ -77,7 +81,8 @@ def _stored_in(*parts: str) -> dict[str, registry.Parameter]:
 
 
 class Superstructure(make_model(_stored_in("superstructure") | registry.BUILDING, "eta")):
-    """A superstructure: rigid without T_s; with `stories`, a building of equal stories."""
+    """A superstructure with mass ratio eta. It is rigid without T_s; with T_s and `stories` it is a building
+    of equal stories."""
 
     @model_validator(mode="after")
     def _check(self) -> Superstructure:
@@ -88,16 +93,18 @@ class Superstructure(make_model(_stored_in("superstructure") | registry.BUILDING
 
 
 class ModesOfSuperstructure(Keys):
-    """A superstructure by its modes."""
+    """A superstructure that is defined by its modes."""
 
     eta: NotNegatives = key(..., "Mass ratios of the modes [–].")
     T: Positives = key(..., "Periods of the modes [s].")
     zeta: DampingRatios | None = key(None, "Damping ratios, or one for all modes [–].")
-    residual: NotNegative | None = key(None, "Ratio of the residual mass, which moves with the beam [–].")
+    residual: NotNegative | None = key(
+        None, "Mass ratio of the residual mass, which moves with the beam [–]."
+    )
 
 
 class Building(Keys):
-    """A building, floor by floor from the bottom."""
+    """A building that is defined floor by floor, from the bottom."""
 
     masses: Positives = key(..., "Mass ratios of the floors [–].")
     stiffnesses: Positives = key(..., "Stiffnesses of the stories divided by the mass of all columns [1/s²].")
@@ -122,14 +129,14 @@ class Elevation(Keys):
 
 def _superstructure_tag(given: Any) -> str:
     """Return the tag of the model of a superstructure."""
-    tags = {"masses": "Building", "T": "Modes"}  # no tag equals a key, so messages omit tags
+    tags = {"masses": "Building", "T": "Modes"}  # no tag equals a key, so that messages omit tags
     return next((tags[name] for name in tags if isinstance(given, dict) and name in given), "one")
 
 
 class ByRatios(
     make_model(_stored_in("alpha", "", "R", "gamma", "lam", "restitution", "g", "restrainers"), "R")
 ):
-    """A structure by ratios."""
+    """A structure that is defined by ratios."""
 
     superstructure: (
         Annotated[
@@ -149,7 +156,7 @@ class ByRatios(
 
 
 class ByDimensions(make_model(registry.DIMENSIONS | registry.BUILDING, "width", "height", "column_mass")):
-    """A structure by dimensions, as `rockjax.Podium.from_dimensions`."""
+    """A structure that is defined by dimensions, as for `rockjax.Podium.from_dimensions`."""
 
     story_masses: Positives | None = key(None, "Masses of the floors of a building from the bottom [kg].")
     story_stiffnesses: Positives | None = key(None, "Stiffnesses of the stories [N/m].")
@@ -181,7 +188,7 @@ _NAME = "Name in tables and reports; by default the name of the table and a numb
 
 
 class Contents(Keys):
-    """A light block on a floor, by alpha and R or by width and height, as `rockjax.Contents`."""
+    """A light block on a floor, defined by alpha and R or by width and height, as `rockjax.Contents`."""
 
     name: str | None = key(None, _NAME)
     alpha: Annotated[float, Field(gt=0, lt=math.pi / 2)] | None = key(None, "Slenderness α_c [rad].")

@@ -39,10 +39,12 @@ class Options(Keys):
     method: str | None = key(None, "Runge–Kutta method: dopri8, tsit5, dopri5, bosh3 …", ACCURACY)
     engine: str | None = key(None, "Integration loop: flat or segments.")
     overturn_ratio: Positive | None = key(None, "Limit state max|θ|/α [–].", ACCURACY, "--limit")
-    rest_velocity: Positive | None = key(None, "Speed at which impacts end [–].")
+    rest_velocity: Positive | None = key(
+        None, "Columns come to rest at an impact that leaves at most this |θ̇|/(pα) [–]."
+    )
     max_steps: Count | None = key(None, "Maximum number of trial steps of a scene.")
     outputs: list[str] | None = key(None, "Requested outputs.")
-    history: Count | None = key(None, "Steps that a history can hold under jit.")
+    history: Count | None = key(None, "Number of steps that a history can hold under jit.")
     throw: bool | None = key(None, "Raise an error if a scene does not finish.")
 
 
@@ -59,7 +61,9 @@ FRICTION = "Friction coefficient μ of the joints, for a warning [–]."
 class Response(OneMotion):
     """Table of `rockjax response`."""
 
-    t_end: Number | None = key(None, "End [s]; by default max(30/p, 10 T_s) after the motion.", GRID)
+    t_end: Number | None = key(
+        None, "End of the scene [s]; by default max(30/p, 10 T_s) after the motion.", GRID
+    )
     friction: Positive | None = key(None, FRICTION, STRUCTURE)
 
 
@@ -74,7 +78,9 @@ class Peaks(OneMotion):
     )
     factor: Positive = key(1.0, "Factor on the motions [–].", MOTION)
     friction: Positive | None = key(None, FRICTION, STRUCTURE)
-    t_end: Number | None = key(None, "End [s]; by default max(30/p, 10 T_s) after the motion.", GRID)
+    t_end: Number | None = key(
+        None, "End of the scene [s]; by default max(30/p, 10 T_s) after the motion.", GRID
+    )
 
 
 class Floors(OneMotion):
@@ -87,12 +93,14 @@ class Floors(OneMotion):
     points: Points = key(100, "Number of periods, at equal ratios.", GRID)
     oscillator_damping: NotNegatives = key([0.05], "Damping ratios of the oscillators [–].", GRID)
     direction: Literal["horizontal", "vertical"] = key("horizontal", "Direction of the motion.", GRID)
-    t_end: Number | None = key(None, "End [s]; by default at least 5 T_e after the motion.", GRID)
-    sensitivities: list[str] = key([], "Parameters y of the derivatives y ∂/∂y of the spectra.", GRID)
+    t_end: Number | None = key(
+        None, "End of the scenes [s]; by default at least 5 times the longest T_e after the motion.", GRID
+    )
+    sensitivities: list[str] = key([], "Parameters y; y ∂S/∂y is computed for every spectrum S.", GRID)
 
 
 class _Panels(Keys):
-    """Keys of plots with a panel for each superstructure, under one kind of pulse."""
+    """Keys of commands that draw a panel for each superstructure, under one kind of pulse."""
 
     pulse: PulseName = key("ricker", "Kind of the pulse.", MOTION)
     vertical_ratio: Number | None = key(
@@ -154,10 +162,10 @@ class Fragility(Keys):
 class Risk(Keys):
     """Table of `rockjax risk`."""
 
-    fragility: str | None = key(None, "File of `rockjax fragility` (.nc) or OpenQuake's (.xml).", CURVE)
-    structure: str | None = key(None, "Name of the structure in a model (.xml) of several structures.", CURVE)
+    fragility: str | None = key(None, "File of `rockjax fragility` (.nc) or of OpenQuake (.xml).", CURVE)
+    structure: str | None = key(None, "Name of the structure in a file (.xml) of several structures.", CURVE)
     median: Positive | None = key(None, "Median of the curve, in SI units, instead of a file.", CURVE)
     dispersion: Positive | None = key(None, "Logarithmic standard deviation, with the median [–].", CURVE)
-    hazard: str | None = key(None, "Hazard curve: a CSV file with two columns, or one of OpenQuake.", HAZARD)
+    hazard: str | None = key(None, "Hazard curve: a CSV file with two columns, or OpenQuake's file.", HAZARD)
     site: Index | None = key(None, "Row of the site in an OpenQuake hazard file, counted from 0.", HAZARD)
     years: NotNegative = key(50.0, "Period of the reported probability of failure [years].", OUTPUT)
