@@ -29,9 +29,7 @@ class Lanes(NamedTuple):
     varying: list[Any]  # leaves of `Scene` that vary between scenes, with a row for each lane
     scene_index: jax.Array  # for each lane, index of its scene in the batch; −1 without a scene
     slopes: LaneDerivatives | None = None  # derivatives; None if no sensitivities are requested
-    edge_distance: jax.Array | None = (
-        None  # edge distances (`edge_distance.py`) so far; None if not requested
-    )
+    edge_distance: jax.Array | None = None  # edge distances so far (`edge_distance.py`), if requested
 
 
 class DoneScenes(NamedTuple):

@@ -1,4 +1,4 @@
-"""Executors: they advance the lanes of a batch with one thread for each CPU core, or with one thread for all
+"""Executors advance the lanes of a batch, with one thread for each CPU core or with one thread for all
 accelerators. A lane solves one scene after another."""
 
 from __future__ import annotations

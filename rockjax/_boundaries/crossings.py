@@ -47,7 +47,7 @@ MIN_INTERVAL = 1e-6  # intervals shorter than this fraction of the line are not 
 
 DIP_DIVISIONS = 256  # intervals beside the lowest dips are divided into at least this number of parts
 WINDOW_DIVISIONS = 16  # replaces `DIP_DIVISIONS` if only dips that may reach below zero are refined
-BRACKET_RTOL_SHARE = 0.1  # a bracket is narrow enough if its width is this fraction of rtol·y
+BRACKET_RTOL_SHARE = 0.1  # a bracket is narrow enough if its width is at most this fraction of rtol·y
 
 
 class Crossings(NamedTuple):

@@ -32,7 +32,7 @@ from .first import DIPS
 # window.
 SPACING_SHARE = 0.95
 DISTANCE_SHARE = 0.25  # allowed distance of two neighbours divided by the sum of their edge distances
-MAX_SPACINGS = 6  # largest distance of two surviving neighbours, in spacings
+MAX_SPACINGS = 6  # largest distance of neighbours, in spacings
 MAX_PARTS = 16  # largest number of parts into which an interval is divided at once
 ROUND_SCENES = 2048  # number of scenes in a round, distributed among all lines
 MIN_LINE_SCENES = 64  # minimum number of scenes of each line in a round

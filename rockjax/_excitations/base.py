@@ -30,18 +30,19 @@ SAMPLES = 4097  # number of samples in the default search for the minimum of a m
 
 
 class Shaking(NamedTuple):
-    """Horizontal and vertical ground acceleration [m/s²], or the jumps of both ground velocities [m/s].
-    Motions without a vertical component return a scalar instead."""
+    """Horizontal and vertical ground acceleration [m/s²], or the jumps of the horizontal and vertical ground
+    velocity [m/s]. Motions without a vertical component return a scalar instead."""
 
     horizontal: Value  # ü_g
     vertical: Value  # v̈_g, upwards positive
 
 
 class AbstractLookahead(Module):
-    """Bounds of the remaining excitation, held constant under differentiation (`stop_gradient`).
+    """Exceedances and bounds of the remaining excitation, held constant under differentiation
+    (`stop_gradient`).
 
-    The threshold is that with which `AbstractExcitation.lookahead` was called. In all methods, `piece` is the
-    index of the piece at time t.
+    The methods use the threshold that was given to `AbstractExcitation.lookahead`. Their argument `piece` is
+    the index of the piece at time t.
     """
 
     @abc.abstractmethod
@@ -160,7 +161,7 @@ class AbstractExcitation(Module):
 
         - `piece`: index of the piece
         - `t`: time [s]
-        - `ahead`: duration [s]; t + `ahead` may not be after the end of the piece
+        - `ahead`: duration [s]; t + `ahead` must not be after the end of the piece
         - `now`: |ü_g(t)| [m/s²]
         """
         del piece, t, ahead, now

@@ -249,8 +249,8 @@ class Proportional:
 
 
 class ScaledByAmplitude(AbstractExcitation):
-    """The excitation `pulse(a_p, T_p)` as a function of a_p alone: `scaled(a_p)` returns it for an amplitude
-    a_p. Without scaling, a_p is 1.
+    """The excitation `pulse(a_p, T_p)` as a function of a_p alone: `scaled(a_p)` returns the excitation
+    with amplitude a_p. Without scaling, a_p is 1.
 
     - `T_p`: period of the pulse [s]
     - `pulse`: function (a_p, T_p) ↦ excitation, which need not be proportional to a_p

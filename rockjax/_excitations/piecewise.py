@@ -95,8 +95,8 @@ class PiecewiseMotion(AbstractExcitation):
 
 
 class NoLookahead(AbstractLookahead):
-    """Lookahead of a motion without known bounds: the bounds of its remaining peak and impulse are inf. A
-    scene under this motion therefore never ends early because the remaining motion is too weak."""
+    """Lookahead of a motion with unknown later peak and impulse, for which it returns inf as bounds. A scene
+    therefore never ends early for the reason that the remaining motion is too weak."""
 
     def next_exceedance(self, t: Value, piece: Index) -> Value:
         raise NotImplementedError("a motion without a lookahead has no search for exceedances")

@@ -202,7 +202,7 @@ class AbstractPulse(AbstractExcitation):
 
     def at_most(self, piece: Index, t: Value, ahead: Value, now: Value) -> Value:
         del piece, t
-        # `now` is |ü_g(t)|. Within the time `ahead` it can grow at most at the largest slope of the pulse.
+        # From its value `now` at t, |ü_g| grows at most at the largest slope of the pulse.
         return now + jnp.abs(self.a_p / self.T_p) * _derivative_bound(type(self), 1) * ahead
 
     def curvature(self) -> Value:

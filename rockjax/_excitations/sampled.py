@@ -1,5 +1,5 @@
 """Sampled ground motions: ü_g is linear between samples, and zero before the first and after the last sample,
-where it may jump.
+where ü_g may jump.
 
 A table is an array with the samples of one or several motions, one motion in each row, padded with zeros.
 """

@@ -39,8 +39,8 @@ def find_roots(excess: Callable[[np.ndarray], np.ndarray]) -> Roots:
     """Return the roots of F(φ) − φ in 0.01 ≤ φ ≤ 0.999.
 
     `excess` is evaluated at 1001 equally spaced points, so that two roots between neighbouring points are
-    missed. The interval that contains a root is twice divided into 63 parts, of which one is kept. In the
-    last part, `excess` is interpolated linearly.
+    missed. The interval around a root is divided into 63 parts, and the part with the root again into 63
+    parts. In the last part, `excess` is interpolated linearly.
 
     - `excess`: F(φ) − φ, or a quantity of the same sign, for an array of φ [–]
     """

@@ -70,8 +70,8 @@ class Reader:
 
     @contextlib.contextmanager
     def errors_at(self, key: str) -> Iterator[None]:
-        """Return a context that adds the file and the key to the message of a `ValueError` or `TypeError`,
-        and raises it as `LocatedError`."""
+        """Return a context that replaces a `ValueError` or `TypeError` by a `LocatedError`, whose message
+        also names the file and the key."""
         try:
             yield
         except LocatedError:
@@ -203,9 +203,10 @@ class Reader:
         return Motions(tuple(self.members(sets, name, None)))  # pyright: ignore[reportArgumentType]
 
     def require_set(self, sets: Mapping[str, Any], name: str | None, key: str) -> str:
-        """Return `name` if it is the name of a set of motions. For None, return the name of the only set.
+        """Return `name` if a set of motions has this name. If `name` is None, return the name of the only
+        set.
 
-        Raises `LocatedError`, which names `key`, if there is no such set, and for None unless there is
+        Raises `LocatedError`, which names `key`, if no set has this name or, for None, unless there is
         exactly one set.
         """
         if name is None and len(sets) == 1:

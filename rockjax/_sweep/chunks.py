@@ -25,7 +25,7 @@ Devices = Literal["all"] | Sequence[Any] | None
 
 
 class Job(NamedTuple):
-    """All that a process needs to solve a chunk of a sweep, besides the store."""
+    """Data for a process that solves chunks of a sweep; the process also reads the store."""
 
     store: str  # path or URL
     fingerprint: str  # hash of the identity of the sweep

@@ -18,7 +18,7 @@ from .spec import SweepSpec
 from .store import compressed_size, variable_for
 
 SAMPLE_SIZES = (256, 16384)  # smallest and largest number of sampled scenes
-SCENES_PER_SAMPLE = 50  # one of this number of scenes is sampled, within the limits `SAMPLE_SIZES`
+SCENES_PER_SAMPLE = 50  # one in this number of scenes is sampled, within the limits `SAMPLE_SIZES`
 # Shortest and longest wall time of a chunk [s]. Writing the files of shorter chunks would take a large share
 # of the time; longer chunks would lose more work after a failure.
 CHUNK_SECONDS = 2.5, 10.0

@@ -203,7 +203,7 @@ class Store:
         return store
 
     def inputs(self) -> dict[str, Any]:
-        """Return the parameters of the scenes by name. Long arrays are not yet read, but when they are
+        """Return the parameters of the scenes by name. Long arrays are read only when they are
         sliced."""
         group: Any = self.group["inputs"]
         return {
@@ -270,7 +270,7 @@ class Store:
 
     def dataset(self) -> xarray.Dataset:
         """Return the sweep as a lazy dataset. Unsolved scenes have the result `interrupted` and NaN in place
-        of floating-point numbers (−1 in place of integers, False in place of flags)."""
+        of floating-point numbers (−1 in place of integers, False in place of booleans)."""
         import xarray
 
         with _explain_damage(self.path):

@@ -206,8 +206,8 @@ def phase_portrait(response: Response | xarray.Dataset, ax: Axes | None = None) 
 
     At the saddle points θ = ±α (±θ_s with tendons), columns are in unstable equilibrium, Eq. (24). The
     separatrices pass through the saddle points. They assume a rigid superstructure and no ground motion,
-    impacts or dampers. Without tendons and inerters they are ½(1+λ+4γ+4η)R²θ̇² = P(α) − P(θ), with the
-    potential energy P, from Eqs. (18), (19).
+    impacts or dampers. Without tendons and inerters their equation is ½(1+λ+4γ+4η)R²θ̇² = P(α) − P(θ), with
+    the potential energy P, from Eqs. (18), (19).
     """
     assert ax is not None
     data = as_history(response)

@@ -35,7 +35,7 @@ def stories(
     - `response`: a [`rockjax.Response`][] or its dataset
     - `figure`: figure to draw into, by default a new one
     - `label`: name of the response in the legend
-    - `beside`: label → further response of a building, to draw in the same axes
+    - `beside`: label → further response of the same building
 
     Drifts are divided by the heights of the stories if the building has heights. Labels of responses that
     overturned end with "until overturning". Raises `ValueError` for a response without stories.
