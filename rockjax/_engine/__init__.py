@@ -1,1 +1,2 @@
-"""The equations, the automaton and the loop that solves one scene, as pure functions of arrays."""
+"""The equations, the hybrid automaton (contact modes and events) and the loop that solves one scene, as pure
+functions of arrays."""

@@ -32,7 +32,7 @@ SAFETY, SHRINK, GROW = 0.85, 0.2, 5.0
 # Largest |y| in the power series of `_length` for the time from θ = 0 to the next impact. For y > 1, θ of the
 # estimate never returns to 0.
 MAX_SERIES_ARGUMENT = 0.8
-GroundAcceleration = Callable[[Value], Value]  # t ↦ ü_g(t) on one piece of the excitation
+GroundAcceleration = Callable[[Value], Value]  # t ↦ ground acceleration on one piece of the excitation
 
 
 class Attempt(NamedTuple):

@@ -65,8 +65,8 @@ class Joints(NamedTuple):
     """Constants of the joint forces.
 
     - `gamma`: ratio γ of the mass that moves with the beam; `lam`: inertia factor λ of a column
-    - `dead_load`: axial force of the mean column at rest, at the bottom and the top joint [m_c g]
-    - `impulses`: impulses of an impact divided by the impact speed |θ̇⁻|, (F12)
+    - `dead_load`: axial force of the mean column at rest divided by m_c g, at the bottom and top joint [–]
+    - `impulses`: impulses of an impact divided by m_c and by the impact speed |θ̇⁻|, (F12) [m]
     - `impulse_eccentricity`: eccentricity ξ_J of the impulses, divided by half the width of a column, (F13)
     - `arms`: positions of the columns and first moments of the masses; None if no elevation is given
     """
@@ -96,7 +96,7 @@ class Coefficients(NamedTuple):
     weight: Value  # 2Rg (η+γ+½), Eq. (19) [m²/s²]
     spin: Value  # (1+λ+4γ) R², Eq. (18) [m²]
     impulse_factor: Value  # C of the energy bound, see `energy_after`
-    g: Value  # [m/s²]
+    g: Value  # acceleration of gravity [m/s²]
     eta: Value  # η, ratio of the vibrating mass
     vibration: Vibration | None
     restraint: Restraint | None

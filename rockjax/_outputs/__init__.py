@@ -1,1 +1,1 @@
-"""Outputs of a scene: one module each, their registry, and their base class."""
+"""Outputs of a scene, their base classes, the views of a scene that they use, and their registry."""

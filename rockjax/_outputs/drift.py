@@ -51,8 +51,8 @@ class PeakDrift(AbstractStoryOutput):
 
 
 def drift_weights(floors: Values) -> Values:
-    """Return the weights Γ_i(φ_ji − φ_{j−1,i}) of each story j and mode i, from Γ_iφ_ji of each floor j. The
-    drift of story j is the sum over the modes of weight times deformation."""
+    """Return the weights Γ_i(φ_ji − φ_{j−1,i}) of each story j and mode i, with φ_0i = 0, from Γ_iφ_ji of
+    each floor j. The drift of story j is the sum over the modes of weight times deformation."""
     return jnp.concatenate([floors[:1], floors[1:] - floors[:-1]])
 
 

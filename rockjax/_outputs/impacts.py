@@ -32,7 +32,7 @@ class Impacts(AbstractInternalOutput):
 
 class Energetic(NamedTuple):
     """Weighted sum over impacts. With y = |θ̇⁻|/(pα), an impact contributes y⁸ for y ≤ 1 and 1 + 8(y − 1) for
-    y > 1. Slow impacts, after which the columns cannot overturn, thus contribute very little."""
+    y > 1. Slow impacts thus contribute very little."""
 
     total: Value  # sum over all impacts up to the present time
     last: Value  # contribution of the last impact; 0 before the first

@@ -273,7 +273,9 @@ class JointBounds:
 
     @functools.cached_property
     def _top(self) -> Span:
-        """Lower and upper bounds on N_t of all columns: N_t (1 ± χB/ℓ_p) ± M/ℓ_p at the end columns, (F8)."""
+        """Lower and upper bounds on N at the top joint of all columns [m/s²]. By (F8) the extremes
+        are N_t (1 ± χB/ℓ_p) ± M/ℓ_p at the end columns. B is half the width of a column, ℓ_p the core
+        distance."""
         c, arms, devices, rotation = self.c, self.joints.arms, self._over_both, self.rotation
         mass, spans = self.joints.gamma + c.eta, []
         for side in (0.0,) if arms is None else (-1.0, 1.0):

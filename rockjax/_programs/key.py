@@ -1,8 +1,9 @@
 """Keys of stored programs, as strings: equal keys mean the same program, in every process.
 
 A key contains the structure of the arguments (classes, static fields, shapes and types of arrays and
-numbers), the versions of the libraries, the source of this package, JAX's settings, and the processor.
-User-defined classes and functions have no key, because their names may mean other code in another process.
+numbers), the versions of the libraries, a hash of the source of `rockjax` and `optimise`, JAX's settings, and
+the processor. User-defined classes and functions have no key, because their names may mean other code in
+another process; `program.py` identifies such programs by the text of the lowered program.
 """
 
 from __future__ import annotations

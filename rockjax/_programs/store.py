@@ -32,7 +32,7 @@ class Entry(NamedTuple):
 
 
 def enabled() -> bool:
-    """Return whether programs are stored; `ROCKJAX_CACHE=off` disables the store."""
+    """Return whether the store is enabled; `ROCKJAX_CACHE=off` disables it."""
     return not switched_off("ROCKJAX_CACHE")
 
 
