@@ -47,7 +47,7 @@ def test_datasets_refer_to_the_flag(overturning):
         for each in (data, batch):
             if name in each:
                 assert each[name].attrs["ancillary_variables"] == "overturned"
-                assert each[name].attrs["comment"] == f"where overturned, {WORDS}"
+                assert each[name].attrs["comment"] == f"for scenes that overturned, the value {WORDS}"
     assert bool(data["overturned"])
     assert batch["overturned"].values.tolist() == [False, True]
 

@@ -1,4 +1,4 @@
-"""Checks and conversion of the arguments of scenes."""
+"""Checks and conversion of the arguments of functions that solve scenes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ from rockjax._unit_warnings import warn_about_units
 
 
 def check_types(owner: str, podium, options, name: str = "podium") -> None:
-    """Raise `ValueError` if the podium or the options have a wrong type or an unsupported dtype.
+    """Raise `ValueError` if the podium or the options have a wrong type or floats of another type than JAX's
+    default, and if `rtol` is too small for this type.
 
     - `owner`: name of the calling function, for messages
     - `podium`, `options`: a `Podium` and `Options`
@@ -42,7 +43,7 @@ def check_precision(options: Options) -> None:
 def _least_tolerance(dtype: np.dtype) -> tuple[float, str]:
     """Return the least `rtol` of a floating-point type, and the requirement as part of an error message."""
     least = 20 * float(np.finfo(dtype).eps)
-    return least, f">= {least:.1e} in {dtype} (loosen it, or enable float64 with jax_enable_x64)"
+    return least, f">= {least:.1e} in {dtype} (raise rtol, or enable float64 with jax_enable_x64)"
 
 
 def check_single(owner: str, podium: Podium) -> None:
@@ -60,8 +61,8 @@ def as_start(owner: str, initial, podium: Podium) -> State:
     - `initial`, `podium`: initial state and structure of the scenes
 
     If the superstructure has an axis of modes, `u_t` and `u_t_dot` become tuples with one array for each
-    mode. A scalar applies to all modes, as if all floors moved by this amount. Raises `ValueError` if the
-    number of values is not the number of modes.
+    mode. A scalar applies to all modes, as if all floors moved by this amount. Raises `ValueError` for wrong
+    types, and for a `u_t` or `u_t_dot` that is neither a scalar nor has one value for each mode.
     """
     require_instance(owner, "initial", initial, State, "a rockjax.State")
     top = podium.superstructure
@@ -82,19 +83,20 @@ def as_start(owner: str, initial, podium: Podium) -> State:
 
 
 def as_end(owner: str, t_end) -> Array | None:
-    """Return the end of the scenes [s] as an array, or None."""
+    """Return the end of the scenes [s] as an array; None, the default end, stays None."""
     return None if t_end is None else as_float(t_end, f"{owner}: t_end")
 
 
 def check_range(owner: str, podium: Podium, excitation: AbstractExcitation, t_end, options: Options) -> None:
-    """Check arguments against each other, if they are not traced by JAX.
+    """Check the dtype of the excitation, and the arguments against each other unless JAX traces them.
 
     - `owner`: name of the calling function, for messages
     - `podium`, `excitation`, `options`: structure, ground motion and options of the scenes
     - `t_end`: end of the scenes [s], or None
 
-    Raises `ValueError` if `overturn_ratio` exceeds π/(2α), or if the margin is requested and `overturn_ratio`
-    exceeds θ_s/α with the stability angle θ_s, or if `t_end` is not after the start of the excitation.
+    Raises `ValueError` for floats of another type than JAX's default; if `overturn_ratio` exceeds π/(2α), or,
+    with the margin requested, θ_s/α with the stability angle θ_s; and if `t_end` is not finite and after the
+    start of the excitation.
     """
     check_dtype(owner, "excitation", excitation)
     alpha, ratio = concrete(podium.alpha), concrete(options.overturn_ratio)
@@ -112,7 +114,7 @@ def check_range(owner: str, podium: Podium, excitation: AbstractExcitation, t_en
             "t_end",
             t_end,
             lambda v: v > start,
-            f"after the start of the excitation at {float(start):.6g} s",
+            f"finite and after the start of the excitation at {float(start):.6g} s",
         )
 
 
@@ -128,13 +130,14 @@ def _check_margin(owner: str, podium: Podium, ratio: np.ndarray) -> None:
         require(owner, "options.overturn_ratio", ratio, lambda v: v <= least, accepted)
 
 
-IN_G = 0.05, 1.0  # amplitudes in this range [m/s²] lift almost no structure, and may be meant in g
+IN_G = 0.05, 1.0  # amplitudes in this range [m/s²] lift almost no structure, and were perhaps given in g
 
 
 def warn_of_amplitude_in_g(owner: str, podium: Podium, excitation: AbstractExcitation) -> None:
-    """Warn if a pulse cannot lift the columns, but could do so if the given amplitude were in g.
+    """Warn if a pulse cannot lift the columns, but could do so if its amplitude a_p were in g.
 
-    Only amplitudes of at most two significant digits are checked, because computed amplitudes have more.
+    Only amplitudes in the range `IN_G` with at most two significant digits are checked, because computed
+    amplitudes have more digits.
     """
     amplitude = concrete(excitation.a_p) if isinstance(excitation, AbstractPulse) else None
     if (
@@ -147,7 +150,7 @@ def warn_of_amplitude_in_g(owner: str, podium: Podium, excitation: AbstractExcit
     if uplift is not None and g is not None and abs(amplitude) < uplift <= abs(amplitude) * g:
         warn_about_units(
             f"{owner}: a_p = {float(amplitude):g} m/s² is {abs(float(amplitude / g)):.3g} g, and the "
-            f"columns lift at {float(uplift / g):.3g} g; was it meant in g? rockjax takes m/s²: "
+            f"columns lift at {float(uplift / g):.3g} g; was a_p meant in g? rockjax takes m/s²: "
             f"a_p = {float(amplitude):g} * {STANDARD_GRAVITY}",
             stacklevel=4,
         )

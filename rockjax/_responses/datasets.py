@@ -1,4 +1,4 @@
-"""Attributes of result files: parameters, tolerances and versions."""
+"""Attributes of result files (parameters, tolerances and versions), and the podium that these describe."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def describe(podium: Podium, pulse, options: Options) -> dict[str, Any]:
     """Return the attributes of a spectrum.
 
     - `podium`, `options`: structure and options of the scenes
-    - `pulse`: class of the pulses, or an excitation
+    - `pulse`: class of the pulses, or a function (a_p, T_p) ↦ excitation
     """
     return {
         "pulse": getattr(pulse, "__name__", repr(pulse)),
@@ -91,7 +91,8 @@ def describe_podium(podium: Podium) -> dict[str, Any]:
 
 
 def _describe_superstructure(top: AbstractSuperstructure | None) -> dict[str, Any]:
-    """Return the class of a superstructure and, if it has arrays, its fields as JSON."""
+    """Return the class of a superstructure. For a class whose fields have axes of modes or stories, also
+    return η, the number of stories, the longest period, and all fields as JSON."""
     attributes: dict[str, Any] = {"superstructure": "none" if top is None else type(top).__name__.lower()}
     if top is None or not top.rows:
         return attributes
@@ -127,7 +128,7 @@ def _restrainers_from_json(text: str) -> tuple[AbstractRestrainer, ...]:
 
 
 def podium_of(attributes: Mapping[str, Any]) -> Podium:
-    """Return the podium from the attributes that `describe_podium` returned."""
+    """Return the podium that attributes of `describe_podium` describe."""
     makers = {
         "none": lambda: None,
         "rigid": lambda: Rigid(attributes["eta"]),
@@ -153,7 +154,8 @@ def podium_of(attributes: Mapping[str, Any]) -> Podium:
 
 
 def describe_excitation(excitation: AbstractExcitation) -> dict[str, Any]:
-    """Return the class and the scalar parameters of a ground motion, for the attributes of a file."""
+    """Return the class and the scalar parameters of a ground motion, and further properties of a record, for
+    the attributes of a file."""
     if isinstance(excitation, GroundMotion):
         vertical = {f"vertical_{name}": y for name, y in describe_excitation(excitation.vertical).items()}
         return describe_excitation(excitation.horizontal) | vertical

@@ -1,8 +1,8 @@
 """Estimated errors: differences between two solutions of the same scene with different tolerances.
 
 The second tolerance is a tenth of the first, so that the difference is the error of the first solution within
-about 10 %. If a tenth is too close to rounding, the second tolerance is ten times the first, and the
-difference overestimates the error.
+about 10 %. If a tenth of the first tolerance is too close to rounding, the second tolerance is ten times the
+first, and the difference overestimates the error.
 """
 
 from __future__ import annotations
@@ -26,15 +26,16 @@ from rockjax._tree import Module
 # scenes (docs/verification.md).
 SAFETY = 10.0
 TOLERANCE_RATIO = 0.1  # second tolerance divided by the first, unless rounding prevents this
-# Two solutions have diverged if their sums of `EnergeticImpacts` differ by more than this, which corresponds
-# to 1/16 % in the speed of an impact with |θ̇⁻| = pα. The lower this threshold, the less likely chaotic
-# solutions agree by chance.
+# Two solutions have diverged if their sums of `EnergeticImpacts` differ by more than this. A change of the
+# speed of one impact with |θ̇⁻| = pα by 1/16 % has this effect. The lower this threshold, the less likely
+# chaotic solutions agree by chance.
 SUM_DIFFERENCE = 0.005
 # Rocking is chaotic if the peak rotations of both solutions differ by more than CHAOTIC_RTOLS times `rtol`
-# and more than CHAOTIC_CHANGE, relative to the peak. The difference is then a random sample, not an estimate.
+# and more than CHAOTIC_CHANGE, relative to the peak. Their difference is then random, and does not estimate
+# the error.
 CHAOTIC_RTOLS, CHAOTIC_CHANGE = 1e5, 1e-3
-# Two solutions have diverged if their overturning times, multiplied by p, differ by more than this [–], which
-# corresponds to 1 % in the distance to the overturning boundary.
+# Two solutions have diverged if their overturning times, multiplied by p, differ by more than this [–]. A
+# change of the distance to the overturning boundary by 1 % has this effect.
 FALL_DIFFERENCE = 0.01
 STRIDE_FACTOR = 0.7  # factor on the largest step length in the second solution
 
@@ -43,12 +44,13 @@ class Errors(Module):
     """Estimated errors of the answers of a scene, and whether its outcome is undecided.
 
     - `peak_rotation` [–], `peak_deformation` [m], `peak_shear` [–], …: estimated absolute errors of the
-      answers with these names, stored in `values`; inf for scenes that did not finish, NaN for outputs that
-      were not requested, None for outputs that the podium does not have
-    - `undecided`: True if an error of ten times the estimate could change whether the columns overturn, if
-      one of the two solutions did not finish, or if rocking is chaotic. Rocking is chaotic if the solutions
-      differ in impacts after which columns can overturn, in the time of overturning, or in the peak rotation
-      by more than both 10⁵ `rtol` and 10⁻³, relative to the peak
+      answers with these names. An error is inf if one of the two solutions did not finish, NaN or None where
+      the answer itself is, and None for answers without an estimate, such as times
+    - `undecided`: True if the solutions differ in whether the columns overturn, if an error of ten times the
+      estimate could change this, if one of the two solutions did not finish, or if rocking is chaotic.
+      Rocking is chaotic if the solutions differ in impacts after which columns can overturn, in the time of
+      overturning, or in the peak rotation by more than both 10⁵ `rtol` and 10⁻³, relative to the peak
+    - `values`: the estimated errors by name
     """
 
     values: dict[str, Any]
@@ -59,7 +61,7 @@ class Errors(Module):
 
 
 def second_options(options: Options) -> Options:
-    """Return the options of the second solution."""
+    """Return the options of the second solution, from those of the first."""
     rtol, atol = options.rtol, options.atol
     larger = max if isinstance(atol, int | float) else jnp.maximum
     finer, looser = (
@@ -77,12 +79,12 @@ def second_options(options: Options) -> Options:
 def _have_diverged(a: dict[str, Any], b: dict[str, Any], xp) -> Any:
     """Return whether two solutions differ in the impacts after which columns can overturn.
 
-    - `a`, `b`: floats of both solutions by name
+    - `a`, `b`: for each solution, its floats by name
     - `xp`: NumPy or jax.numpy
 
-    Peaks alone do not show a divergence, because it may come after the peaks, and both solutions may
+    Peaks alone do not show a divergence, because the solutions may diverge after their peaks, and both may
     survive by chance. Solutions that agree except for one more impact at the end of one of them have not
-    diverged. If both overturn, the times of overturning are also compared.
+    diverged. If both overturn, their times of overturning are also compared.
     """
     difference, last = a["energetic"] - b["energetic"], (a["last_energetic"], b["last_energetic"])
     if_one_more = xp.minimum(abs(difference - last[0]), abs(difference + last[1]))
@@ -96,7 +98,7 @@ def _have_diverged(a: dict[str, Any], b: dict[str, Any], xp) -> Any:
 def errors(first: tuple[dict[str, Any], dict[str, Any]], second, options: Options, xp) -> Errors:
     """Return the error estimates from two solutions of the same scenes.
 
-    - `first`, `second`: (floats, integers) of each solution, each by name
+    - `first`, `second`: for each solution, (floats, integers), two dicts by name
     - `options`: options of the first solution
     - `xp`: NumPy for batches on the host, else jax.numpy
     """

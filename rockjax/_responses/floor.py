@@ -1,4 +1,4 @@
-"""The motion of the deck, of floors and of weighted sums of modes: accelerations and velocity jumps.
+"""The motion of floors (the deck, stories, and weighted sums of modes): accelerations and velocity jumps.
 
 An impact changes the velocity of the deck (the beam) in an instant. The accelerations do not contain these
 velocity jumps, which are given separately. The *bodies* are the modes of the superstructure and the beam. The
@@ -47,7 +47,8 @@ MAX_HALVINGS = 12  # largest number of times that a piece is halved
 # A ground motion is divided into at least this many pieces, because one step in full contact may cover all of
 # it.
 MOTION_PIECES = 64
-POINTS = 0.5 - 0.5 * np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))  # fractions of a piece
+# Chebyshev points of a piece, at which polynomials are fitted, as fractions of the piece.
+POINTS = 0.5 - 0.5 * np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))
 TO_TERMS = np.linalg.inv(np.vander(POINTS, increasing=True)).T  # values at the points → coefficients c_k
 # Values at the points → coefficient of the last Chebyshev polynomial.
 TO_LAST = np.linalg.inv(np.polynomial.chebyshev.chebvander(2 * POINTS - 1, DEGREE))[-1]
@@ -58,9 +59,9 @@ class Bodies(NamedTuple):
 
     - `displacement` [m], `velocity` [m/s]: horizontal motion relative to the ground, first of the modes, then
       of the beam, shape (n, modes + 1)
-    - `acceleration`: absolute horizontal acceleration of the same bodies [m/s²]
-    - `vertical_velocity`: velocity of the beam relative to the ground, shape (n,) [m/s]
-    - `vertical_acceleration`: absolute acceleration of the beam, shape (n,) [m/s²]
+    - `acceleration`: absolute horizontal acceleration of the same bodies, shape (n, modes + 1) [m/s²]
+    - `vertical_velocity`: upward velocity of the beam relative to the ground, shape (n,) [m/s]
+    - `vertical_acceleration`: absolute upward acceleration of the beam, shape (n,) [m/s²]
     - `ground`: ground acceleration, horizontal and vertical, shape (n, 2) [m/s²]
     """
 
@@ -93,7 +94,7 @@ def bodies(scene: history.Solved, t, left, node) -> Bodies:
     - `t`: times, shape (n,) [s]
     - `left`: whether to return the motion just before the time, shape (n,)
     - `node`: index of the node of the history from which to step to the time, shape (n,); −1 for the last
-      node before the time
+      node at or before the time (with `left`, before the time)
     """
     podium, excitation, nodes, end, method, rtol = scene
     c, nodes = history.constants(podium, excitation, rtol), jax.tree.map(jnp.asarray, nodes)
@@ -157,8 +158,8 @@ def floor_weights(owner: str, podium: Podium, level: Any, weights: Any = None) -
     - `level`: "deck" or the number of a story from the bottom; ignored if `weights` are given
     - `weights`: weights of the modes, or None for those of the level
 
-    Raises `ValueError` if the structure does not have the level, or if `weights` does not have one value for
-    each mode.
+    The weight of the beam is 1 − ΣW_i. Raises `ValueError` if the structure does not have the level, or if
+    `weights` does not have one value for each mode.
     """
     top = podium.superstructure
     resolved = None if top is None else top.resolved()
@@ -180,7 +181,9 @@ def floor_weights(owner: str, podium: Podium, level: Any, weights: Any = None) -
             valid = f"'deck' or a story from 1 to {story_count}"
         else:
             valid = "'deck'" + (
-                ", because modes have no stories (or pass weights of the modes)" if count else ""
+                ", because modes have no stories (Response.floor and floor_spectrum accept weights instead)"
+                if count
+                else ""
             )
         raise ValueError(f"{owner}: level must be {valid}, got level = {format_value(level)}")
     return stories[number - 1]
@@ -210,7 +213,8 @@ class Pieces(NamedTuple):
 
     @property
     def points(self) -> tuple[np.ndarray, np.ndarray]:
-        """Times at which polynomials are fitted, and their nodes, shape (n · points,)."""
+        """Times at which polynomials are fitted [s], and the node of the history for each time, both of shape
+        (n · points,)."""
         t = self.start[:, None] + self.length[:, None] * POINTS
         return t.ravel(), np.repeat(self.node, POINTS.size)
 
@@ -231,7 +235,8 @@ class PieceMotions(NamedTuple):
 
 
 def terms_of(accelerations: np.ndarray) -> np.ndarray:
-    """Return the coefficients c_k of polynomials from their values at `POINTS`, shape (n, points, bodies)."""
+    """Return the coefficients c_k of polynomials, shape (n, DEGREE + 1, bodies), from their values at
+    `POINTS`, shape (n, points, bodies)."""
     return np.einsum("npb,pk->nkb", accelerations, TO_TERMS)
 
 
@@ -242,8 +247,8 @@ def before_and_at(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def pieces_of(scene: history.Solved, end: float) -> tuple[Pieces, PieceMotions]:
-    """Divide a scene at its events, nodes and breakpoints into pieces on which polynomials are accurate.
-    Return the pieces and the motion in them.
+    """Divide a scene at its nodes and at breakpoints of the ground motion into pieces, and halve these until
+    polynomials are accurate. Return the pieces and the motion in them.
 
     - `scene`: solved scene; `end`: end of the last piece [s]
     """
@@ -315,12 +320,14 @@ class FloorMotion(Module):
     """Motion of the deck, of a story, or of a weighted sum of modes; from [`rockjax.Response.floor`][].
 
     Accelerations are absolute and do not contain the velocity jumps at impacts. Methods that take times
-    return NaN outside the scene. They work under `jit`, but the peaks, `last`, `load` and `to_record` do not.
+    return NaN outside the scene, and work under `jit`. The peaks, `last`, `load` and `to_record` do not.
 
     - `weights`: weights W_i of the modes, (L2) [–]; the weight of the deck is 1 − ΣW_i
     - `level`: "deck", the number of the story, or "weights"
     - `impulse_times`: times of the impacts [s], at which velocities jump; padded with NaN under `jit`
     - `podium`, `excitation`, `nodes`, `end_time`: structure, ground motion, history and end [s] of the scene
+
+    Equations (L…) are in docs/floors.md.
     """
 
     weights: Float[Array, " modes"]
@@ -372,8 +379,8 @@ class FloorMotion(Module):
 
     @property
     def peak_acceleration(self) -> float:
-        """Peak floor acceleration sup|a| in the scene [m/s²]. It includes the values just before and
-        just after events, but not the velocity jumps."""
+        """Peak horizontal acceleration |a| of the floor in the scene [m/s²]. It includes the values just
+        before and just after events, but not the velocity jumps."""
         return largest_acceleration(self.load())
 
     @property
@@ -384,8 +391,8 @@ class FloorMotion(Module):
     def last(self, end: float | None = None) -> float:
         """Return the time up to which the motion of the floor can be evaluated [s].
 
-        This is the end of the scene. If the podium is rigid and rests for good, it is the later one of the
-        end of the scene and `end` [s], by default the end of the ground motion.
+        This is the end of the scene. For a rigid podium that rests for good, it is the end of the scene or
+        `end` [s], by default the end of the ground motion, whichever is later.
         """
         scene_end = float(self.end_time)
         if np.isfinite(self._limit):
@@ -395,10 +402,12 @@ class FloorMotion(Module):
         return max(scene_end, float(end))
 
     def load(self, direction: str = "horizontal", end: float | None = None) -> Load:
-        """Return the acceleration as polynomials in pieces, with the velocity jumps between them, (L7).
+        """Return the motion as the load of oscillators, (L7): polynomials of the acceleration in pieces of
+        the scene, and the velocity jumps between the pieces.
 
         - `direction`: "horizontal" or "vertical"
-        - `end`: end of the pieces for a rigid podium that rests for good, as for `last`
+        - `end`: end of the last piece [s] for a rigid podium that rests for good, as for `last`; without
+          effect otherwise
         """
         pieces, motion = pieces_of(self.scene, self.last(end))
         return load_of(pieces, motion, in_direction(with_beam(np.asarray(self.weights)), direction))
@@ -410,9 +419,9 @@ class FloorMotion(Module):
         - `direction`: "horizontal" or "vertical"
 
         Sample k is ∫a ∧(t−t_k) dt + ΣΔv ∧(t_i−t_k) over all impacts i, with the hat function ∧(τ) =
-        max(0, 1−|τ|/dt)/dt. The final velocity and displacement are exact, and spectra are accurate to
-        O((dt/T)²). The peak of the samples depends on dt and must not be used. The record starts one interval
-        before the scene and ends with a zero.
+        max(0, 1−|τ|/dt)/dt. The final velocity and displacement are exact, and spectra at a period T have an
+        error of O((dt/T)²). The peak of the samples depends on dt and must not be used. The record starts one
+        interval before the scene and ends with a zero.
         """
         owner = "FloorMotion.to_record"
         dt = require_number(owner, "dt", dt, lambda v: v > 0, "finite and > 0 s")

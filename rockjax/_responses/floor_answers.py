@@ -1,5 +1,5 @@
-"""Answers of light secondary systems on the floors of a structure, and their rows in tables and datasets.
-(L6) and (L15) are in docs/equations.md."""
+"""Answers of light secondary systems (blocks and oscillators) on the floors of a structure, and their rows in
+tables and datasets. (L6) and (L15) are in docs/equations.md."""
 
 from __future__ import annotations
 
@@ -15,20 +15,22 @@ from rockjax._tree import Module
 
 
 class ContentsAnswer(Module):
-    """The answers of [`rockjax.Contents`][].
+    """The answers of [`rockjax.Contents`][], a block with the rotation φ and the slenderness α_c.
 
-    - `peak_rotation`: max|φ|/α_c, at most `overturn_ratio` [–]; `peak_rotation_time`: time at which this
-      rotation is first reached [s]
+    - `peak_rotation`: max|φ|/α_c, at most the `overturn_ratio` of the block [–]; `peak_rotation_time`: time
+      at which this rotation is first reached [s]
     - `margin`: overturning margin of the block [–], as in [`rockjax.Peak`][]: 1 if the block never rocks,
       negative if it overturns
-    - `uplifted`: the block started to rock, at `uplift_time` [s] (NaN if not); `started_by_impulse`: an
-      impact of the structure started it
+    - `uplifted`: the block rocks, first at `uplift_time` [s] (NaN if not); `started_by_impulse`: the block
+      started to rock at an impact of the structure
     - `overturned`: |φ| reached `overturn_ratio`·α_c, at `overturn_time` [s] (NaN if not)
     - `impacts`: number of impacts of the block on the floor
-    - `friction_demand`: largest |T|/N at the foot of the block [–], (L15): at rest, while rocking, at impacts
-      on the floor, and at impulses of the floor; inf if the foot would lift off
+    - `friction_demand`: largest |T|/N, with the horizontal and the vertical force T and N at the foot of the
+      block [–]: at rest, while rocking, at impacts on the floor, and at velocity jumps of the floor, (L15);
+      inf if the foot would lift off
     - `until_overturning`: the structure overturned; the answers cover the time until then
-    - `result`: a [`rockjax.RESULTS`][]
+    - `result`: a [`rockjax.RESULTS`][], that of the structure if its scene did not finish; then all numbers
+      except `impacts` are NaN
     """
 
     peak_rotation: Float[Array, "*batch"]
@@ -49,13 +51,18 @@ class OscillatorAnswer(Module):
     """The answers of an [`rockjax.Oscillator`][], (L6), for the time up to the end of the scene. If the floor
     rests for good, free vibration after the end counts as well.
 
-    - `relative_displacement`: S_d = max|x|, with the displacement x relative to the floor [m]
+    The oscillator has the frequency ω = 2π/period, the damping ratio ζ, and the displacement x relative to
+    the floor.
+
+    - `relative_displacement`: S_d = max|x| [m]
     - `pseudo_acceleration`: PSA = ω²S_d [m/s²]
-    - `absolute_acceleration`: S_a = max|2ζωẋ + ω²x| [m/s²], including just before and just after impulses
+    - `absolute_acceleration`: S_a = max|2ζωẋ + ω²x| [m/s²], including just before and just after velocity
+      jumps of the floor
     - `remaining_ratio`: upper bound of |x| after the end of the scene, divided by S_d [–]; inf if there is no
       bound. S_d is final if this ratio is at most 1
     - `until_overturning`: the structure overturned; the answers cover the time until then
-    - `result`: a [`rockjax.RESULTS`][]
+    - `result`: a [`rockjax.RESULTS`][], that of the structure if its scene did not finish; then the numbers
+      are NaN
     """
 
     relative_displacement: Float[Array, "*batch"]
@@ -66,8 +73,7 @@ class OscillatorAnswer(Module):
     result: RESULTS
 
 
-# For each class, the dim in datasets, which is also the prefix of variables, and unit and description of each
-# answer.
+# Class of answers → (dim in datasets, which is also the prefix of the variables; name → (unit, description)).
 VARIABLES: dict[type, tuple[str, dict[str, tuple[str, str]]]] = {
     ContentsAnswer: (
         "contents",
@@ -92,7 +98,7 @@ VARIABLES: dict[type, tuple[str, dict[str, tuple[str, str]]]] = {
             "absolute_acceleration": ("m s-2", "largest absolute acceleration of the oscillator"),
             "remaining_ratio": (
                 "1",
-                "bound of later displacements divided by the largest; final if at most 1",
+                "bound of |x| after the end of the scene, divided by max|x|; max|x| is final if at most 1",
             ),
         },
     ),

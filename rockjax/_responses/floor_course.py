@@ -1,5 +1,8 @@
-"""The motion of modes and beam (the bodies) along a history (the accepted steps of a scene), as the
-excitation of secondary systems on floors. (L2) and (L3) are in docs/floors.md."""
+"""The motion of modes and beam (the bodies) in a scene, as the excitation of secondary systems on floors.
+
+The history of a scene is the sequence of its accepted steps, whose ends are its nodes. (L2) and (L3) are in
+docs/floors.md.
+"""
 
 from __future__ import annotations
 
@@ -34,8 +37,8 @@ PERIODS = 5
 def end_with_oscillators(podium: Podium, excitation: AbstractExcitation, longest: Any) -> Any:
     """Return the default end of a scene with oscillators on its floors [s].
 
-    This is the later one of the default end of `simulate` and of the end of the ground motion plus `PERIODS`
-    times the `longest` period of an oscillator [s].
+    This is the default end of `simulate`, or the end of the ground motion plus `PERIODS` times the `longest`
+    period of an oscillator [s], whichever is later.
     """
     return jnp.maximum(default_end(podium.resolved(), excitation), excitation.support[1] + PERIODS * longest)
 
@@ -44,12 +47,12 @@ class FloorCourse(NamedTuple):
     """Accelerations and velocity jumps of modes and beam along a history. The last of the bodies is the
     vertical motion of the beam.
 
-    - `times`: times of the n nodes of the history, differentiated as times of events [s]; inf after the last
-      node
-    - `accelerations`: absolute accelerations at the `NODES` of each step [m/s²]
+    - `times`: times of the n nodes of the history [s], with the derivatives of the times of their events; inf
+      after the last node
+    - `accelerations`: absolute accelerations at the Chebyshev points `NODES` of each step [m/s²]
     - `jumps`: velocity jumps at the nodes of the history [m/s]
     - `end`: time of the last node [s]
-    - `ending`: quantities that bound the motion after the end; without a bound if the podium overturned
+    - `ending`: quantities that bound the motion after the end; the bounds are inf if the podium overturned
     """
 
     times: Float[Array, " n"]
@@ -64,7 +67,7 @@ class FloorCourse(NamedTuple):
 
 
 def course_of(scene: history.Solved, has_fallen: Array) -> FloorCourse:
-    """Return the motion of modes and beam along a history whose steps end at breakpoints.
+    """Return the motion of modes and beam along a history in which no step passes a breakpoint.
 
     - `scene`: solved scene; `has_fallen`: whether the podium overturned
     """
@@ -76,7 +79,8 @@ def course_of(scene: history.Solved, has_fallen: Array) -> FloorCourse:
     times = jnp.where(is_used, nodes.event_time, last)
     starts = jax.lax.stop_gradient(jnp.where(is_used, nodes.t, last))
     lengths = jnp.append(jnp.diff(starts), 0.0)
-    # The motion is evaluated at the `NODES` of every step, and just before the impacts.
+    # The motion is evaluated at the `NODES` of every step, the last of them just before the end of the step,
+    # and just before the impacts.
     is_impact = jnp.isfinite(nodes.impact_time) & is_used
     t = starts[:, None] + lengths[:, None] * (0.5 + 0.5 * jnp.asarray(NODES))[None, :]
     left = jnp.broadcast_to(NODES[-1] == NODES, t.shape)
@@ -104,7 +108,7 @@ def course_of(scene: history.Solved, has_fallen: Array) -> FloorCourse:
 
 
 def without_fast_forwards(plan: Plan) -> Plan:
-    """Return the plan without fast-forwards, so that every step is a trial step."""
+    """Return the plan without fast-forwards, which skip trial steps."""
     return dataclasses.replace(plan, fast_forwards=())
 
 
@@ -121,7 +125,7 @@ def floor_course(
 
     - `podium`, `excitation`, `initial`, `t_end`, `options`: the scene
     - `capacity`: number of steps that the history can hold
-    - `reversible`: whether reverse mode can differentiate the loop
+    - `reversible`: whether to integrate in a loop that reverse mode can differentiate
     """
     plan = without_fast_forwards(plan_for(podium, options, history=True))
     scene, state = prepare(podium, excitation, initial, t_end, options, plan)

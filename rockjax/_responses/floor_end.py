@@ -21,9 +21,12 @@ class Ending(NamedTuple):
     """Quantities at the end of a scene that bound the motion of floors after it.
 
     - `rests`: whether the columns rest for good and the ground motion has ended
-    - `modes`: bound on ∫|ü_i + ü_g| dt of each mode after the end [m/s]; inf for a mode without damping
-    - `speed`: |u̇_b| of a rigid podium at the end, if it rocks freely from then on [m/s]; otherwise inf
-    - `impact_speed`: bound on |u̇_b| before the next impact of this podium [m/s]; otherwise inf
+    - `modes`: bound on ∫|ü_i + ü_g| dt of each mode after the end if the columns rest [m/s]; inf for a mode
+      that vibrates without damping
+    - `speed`: |u̇_b| at the end [m/s] of a podium without a vibrating superstructure, without restrainers and
+      with tan α < 1, if the ground motion has ended; otherwise inf
+    - `impact_speed`: under the same conditions, a bound on |u̇_b| just before the next impact [m/s]; otherwise
+      inf
     - `restitution`: restitution factor e, clipped to [0, 1]
     """
 
@@ -36,7 +39,7 @@ class Ending(NamedTuple):
 
 @StoredProgram
 def ending(scene: history.Solved, t) -> Ending:
-    """Return the quantities that bound the motion of floors after the end t of a scene [s]."""
+    """Return the quantities that bound the motion of floors after the end of a scene at time t [s]."""
     podium, excitation, nodes, _, method, rtol = scene
     c, nodes = history.constants(podium, excitation, rtol), jax.tree.map(jnp.asarray, nodes)
     node = history.node_before(nodes, t, jnp.zeros((), bool))
@@ -66,15 +69,16 @@ def ending(scene: history.Solved, t) -> Ending:
 
 
 def bound_after_end(ending: Ending, weights: Any, damping: Any, is_vertical: bool) -> Any:
-    """Bound ∫|a| dt + Σ|Δv| of a floor after the end of a scene, (L16), (L17) [m/s]. The arguments may be
-    traced.
+    """Bound ∫|a| dt + Σ|Δv| of a floor after the end of a scene, (L16), (L17) [m/s], with its acceleration a
+    and its velocity jumps Δv. The arguments may be traced.
 
     - `ending`: quantities at the end of the scene
     - `weights`: weights W_i of the modes in the motion of the floor, shape (modes,)
-    - `damping`: damping ratios ζ of the oscillators
+    - `damping`: damping ratios ζ of the oscillators on the floor
     - `is_vertical`: whether the oscillators move vertically
 
-    The result has the shape of `damping`, or is a scalar if the oscillators move vertically.
+    The result has the shape of `damping`, or is a scalar if the oscillators move vertically; it is inf where
+    there is no bound.
     """
     xp = array_module(ending, weights, damping)
     if is_vertical:
@@ -93,8 +97,9 @@ def bound_after_end(ending: Ending, weights: Any, damping: Any, is_vertical: boo
 
 
 def ratio_after_end(later: Any, largest: Any) -> Any:
-    """Return later/largest: the bound of later displacements divided by the largest displacement so far. The
-    result is inf if only `largest` is zero, and 0 if both are zero. The arguments may be traced."""
+    """Return the bound `later` of displacements after the end of a scene, divided by the `largest`
+    displacement before; inf if only `largest` is zero, and 0 if both are zero. The arguments may be
+    traced."""
     xp = array_module(later, largest)
     ratio = later / xp.where(largest > 0, largest, 1.0)
     return xp.where(largest > 0, ratio, xp.where(later > 0, xp.inf, 0.0))

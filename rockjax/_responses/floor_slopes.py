@@ -42,7 +42,7 @@ class Solution(NamedTuple):
 
     - `nodes`: nodes of the history
     - `breakpoints`, `start`: breakpoints and start of the ground motion [s]
-    - `weights`: weights of the modes in the motion of each floor
+    - `weights`: for each level, the weights of the modes in its motion, shape (modes,)
     - `slopes`: derivatives of (nodes, breakpoints, start, weights), with the parameters along the first axis
     """
 
@@ -67,9 +67,9 @@ def solve_with_slopes(
     """Solve a scene with derivatives with respect to the logarithms of named parameters.
 
     - `podium`, `excitation`, `initial`, `t_end`, `options`: the scene
-    - `names`: the parameters
-    - `levels`: numbers of the stories to return weights for
-    - `history`: number of nodes that can be stored
+    - `names`: names of the parameters
+    - `levels`: numbers of the stories for which weights are returned
+    - `history`: number of nodes that the history can hold
     """
 
     def function(factors):
@@ -91,11 +91,12 @@ def solve_with_slopes(
 def bodies_with_slopes(
     scene: history.Solved, node_slopes: Nodes, t, left, node, names: tuple[str, ...] = ()
 ) -> tuple[Bodies, Bodies]:
-    """Return the result of `bodies`, and its derivatives with the parameters along the first axis.
+    """Return the result of `bodies`, and its derivatives at fixed times, with the parameters along the first
+    axis.
 
     - `scene`: solved scene; `node_slopes`: derivatives of the nodes, with the parameters along the first axis
     - `t`, `left`, `node`: as for `bodies`
-    - `names`: the parameters
+    - `names`: names of the parameters
     """
     podium, excitation, nodes, end, method, rtol = scene
 
@@ -112,12 +113,12 @@ def bodies_with_slopes(
 
 
 class Slopes(NamedTuple):
-    """Derivatives of the motion of a scene with respect to one parameter.
+    """Derivatives of the motion of a scene with respect to the logarithm of one parameter.
 
     - `motions`: derivatives of the motion of modes and beam at fixed times
     - `times`: derivatives of the starts of the pieces [s]
-    - `ground`: `times` multiplied by the jumps of the ground acceleration at the starts, horizontal and
-      vertical, shape (n, 2)
+    - `ground`: `times` multiplied by the jumps of the ground acceleration at the starts of the pieces,
+      horizontal and vertical, shape (n, 2) [m/s]
     - `weights`: derivatives of the weights of the modes, by level
     """
 
@@ -128,18 +129,19 @@ class Slopes(NamedTuple):
 
 
 def capacity_for(used: int) -> int:
-    """Return a capacity for about `used` nodes, one of a few sizes, so that programs are reused."""
+    """Return the capacity of a history for about `used` nodes, one of a few sizes, so that compiled programs
+    are reused."""
     return common_size(used + used // 8 + 64, *history.NODES)
 
 
 def motions_with_slopes(
     scene: history.Solved, solution: Solution, pieces: Pieces, names: tuple[str, ...], levels: Sequence[str]
 ) -> tuple[PieceMotions, list[Slopes]]:
-    """Return the motion in pieces, and the derivatives with respect to each parameter.
+    """Return the motion in pieces, and its derivatives with respect to the logarithm of each parameter.
 
     - `scene`: the solved scene, with the nodes of `solution`
     - `solution`: the scene with its derivatives
-    - `pieces`: pieces of the scene; `names`: the parameters
+    - `pieces`: pieces of the scene; `names`: names of the parameters
     - `levels`: levels of `solution.weights`, which become the keys of `Slopes.weights`
     """
     node_slopes, breaks, start, weights = jax.tree.map(np.asarray, solution.slopes)
@@ -194,9 +196,10 @@ def slope_of_load(
     change: np.ndarray,
     direction: str,
 ) -> Load:
-    """Return the derivative of the load of a floor with respect to one parameter, (L8).
+    """Return the derivative of the load of a floor with respect to the logarithm of one parameter, (L8).
 
-    - `load`: acceleration of the floor; `pieces`, `motion`: pieces of the scene, and the motion in these
+    - `load`: acceleration and velocity jumps of the floor
+    - `pieces`, `motion`: pieces of the scene, and the motion of modes and beam in them
     - `slope`: derivatives of the motion
     - `weights`, `change`: weights W_i of the floor and their derivatives, shape (modes,)
     - `direction`: "horizontal" or "vertical"

@@ -1,4 +1,7 @@
-"""The motion between the nodes of a history (its accepted steps), and the balance of energy along it."""
+"""The motion at any time of a scene, from the nodes of its history, and the balance of energy.
+
+The nodes are the ends of the accepted steps. Equations with a number alone are in docs/model.md.
+"""
 
 from __future__ import annotations
 
@@ -31,9 +34,11 @@ POINTS = 10  # Gauss–Legendre points in each step; the quadrature error is far
 
 
 class Energies(Module):
-    """Balance of energy [m²/s²]; all energies are divided by N m_c, the mass of all columns.
+    """Balance of energy: initial + input = mechanical + impacts + damping + dampers + residual.
 
-    initial + input = mechanical + impacts + damping + dampers + residual:
+    All energies are divided by N m_c, the mass of all columns [m²/s²]. The beam moves by u_b horizontally and
+    by v_b vertically relative to the ground, Eq. (13) of docs/model.md; ℓ is the elongation of a restrainer,
+    (C1) of docs/control.md.
 
     - `mechanical`: kinetic energy relative to the ground, strain energy, and potential energy of gravity and
       tendons, Eqs. (16) to (19); `initial`: the mechanical energy at the start
@@ -97,13 +102,15 @@ def _quantities(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vect
     return quantities
 
 
-# Arrays are padded to few lengths, so that histories share programs. Up to FEW_TIMES times are padded to this
-# length, more times to `common_size(count, *TIMES)`, and nodes to `common_size(count, *NODES)`.
+# Arrays are padded to one of a few lengths, so that histories share compiled programs: up to FEW_TIMES times
+# to the length FEW_TIMES, more times to `common_size(count, *TIMES)`, and nodes to
+# `common_size(count, *NODES)`.
 FEW_TIMES, TIMES, NODES = 16, (8192, 4), (8192, 4)
 
 
 def pad_times(t, left):
-    """Pad times t (n,) and flags `left` (n,) by repeating the last entries. Traced times stay as they are."""
+    """Pad times t (n,) and flags `left` (n,) by repeating the last entries. Traced and empty times are not
+    padded."""
     if concrete(t) is None or not t.size:
         return t, left
     padding = (FEW_TIMES if t.size <= FEW_TIMES else common_size(t.size, *TIMES)) - t.size
@@ -127,7 +134,7 @@ def pad_nodes(nodes: Nodes) -> Nodes:
 def sample(
     c: Coefficients, excitation: AbstractExcitation, nodes: Nodes, method, k: Int[Array, ""], t: Value
 ) -> _Instant:
-    """Return the motion at time t, by one step of the method from node k.
+    """Return the motion at time t, by one step of the integration method from node k.
 
     - `c`, `excitation`, `nodes`, `method`: constants, ground motion, nodes and method of the scene
     - `k`: index of the node before t, from `node_before`
@@ -135,7 +142,8 @@ def sample(
     """
     sigma, start = nodes.sigma[k], nodes.t[k]
     piece = nodes.piece[k]
-    if c.vibration is None:  # then one step in full contact may cover many pieces of the ground motion
+    # Without a vibrating superstructure, one step in full contact may cover many pieces of the ground motion.
+    if c.vibration is None:
         piece = jnp.where(sigma == 0, excitation.locate(t), piece)
     ground_at = excitation.piece(piece)
 
@@ -159,7 +167,13 @@ def node_before(nodes: Nodes, t: Value, left: Bool[Array, ""]) -> Int[Array, ""]
 def constants(
     podium: Podium, excitation: AbstractExcitation, rtol: Value | None, joints: bool = False
 ) -> Coefficients:
-    """Return the constants of the equations, including the constants of joint forces if `joints`."""
+    """Return the constants of the equations of motion.
+
+    - `podium`, `excitation`: structure and ground motion of the scene
+    - `rtol`: relative tolerance of the scene, on which the smoothing of steep forces of restrainers depends;
+      None without restrainers
+    - `joints`: whether to include the constants of joint forces
+    """
     vertical = isinstance(excitation, GroundMotion)
     return coefficients(podium, SLIP if rtol is None else rtol, vertical, joints)
 
@@ -172,7 +186,7 @@ def ground_acceleration(excitation: AbstractExcitation, t):
 
 @StoredProgram
 def quantities_at(scene: Solved, t, left) -> dict[str, Array]:
-    """Return all quantities at times t (n,), or just before them where `left` (n,), by name."""
+    """Return the quantities of `_quantities` at times t (n,) [s], or just before them where `left` (n,)."""
     podium, excitation, nodes, end, method, rtol = scene
     c, nodes = constants(podium, excitation, rtol), jax.tree.map(jnp.asarray, nodes)
 
@@ -187,10 +201,10 @@ def quantities_at(scene: Solved, t, left) -> dict[str, Array]:
 
 @StoredProgram
 def balance(scene: Solved, t, left):
-    """Return all quantities at times t (n,), or just before them where `left` (n,), and the energies at t.
+    """Return quantities and energies at times t (n,) [s], or just before them where `left` (n,).
 
-    The result contains the quantities by name, then the fields of `Energies` mechanical, input, impacts,
-    damping, dampers (only with restrainers), and initial.
+    The result is a tuple: the dict of `_quantities`; the fields `mechanical`, `input`, `impacts`, `damping`
+    and, only with restrainers, `dampers` of `Energies`, shape (n,); and the scalar `initial`.
     """
     podium, excitation, nodes, end, method, rtol = scene
     c, nodes = constants(podium, excitation, rtol), jax.tree.map(jnp.asarray, nodes)

@@ -39,16 +39,16 @@ from .floor_end import bound_after_end, ratio_after_end
 
 BOTTOM = 0  # index of the bottom joint, between a block and the floor
 UNREACHABLE = 1e300  # rest velocity so large that no velocity jump of the floor starts rocking
-OSCILLATOR_ATOL = 1e-4  # factor on `atol` for oscillators; short periods have small displacements
+OSCILLATOR_ATOL = 1e-4  # factor on `atol` for oscillators, whose displacements are small for short periods
 
 
 @dataclasses.dataclass(frozen=True)
 class JoltFriction(AbstractOutput):
-    """The largest friction demand of a block at velocity jumps of the floor, (L15). Jumps smaller than 2R
-    times the rest velocity of the block do not count.
+    """The largest friction demand of a block at velocity jumps of the floor, (L15). With
+    the half diagonal R_c of the block, jumps smaller than 2R_c times its rest velocity do not count.
 
-    The accumulator (the value so far) is the impulse with the largest angle from the vertical. The note is 1
-    if a jump started the block, else 0.
+    The accumulator (the value so far) is the impulse with the largest angle from the vertical. The note
+    (further data) is 1 if the block started to rock at a jump, else 0.
     """
 
     name = "jolt_friction"
@@ -87,9 +87,9 @@ def _rock(
     flags.
 
     - `block`, `g`: the block, and the acceleration of gravity [m/s²]
-    - `weights`: as returned by `_weights_of`, (2, modes + 2)
+    - `weights`: weights of the bodies in the motion of the floor, as returned by `_weights_of`
     - `course`, `options`: motion of modes and beam, and options of the scene
-    - `reversible`: whether reverse mode can differentiate the loop
+    - `reversible`: whether to integrate in a loop that reverse mode can differentiate
     """
     outputs = "peak_rotation", "margin", "peak_friction", JoltFriction()
     options = options.replace(outputs=outputs, overturn_ratio=block.overturn_ratio)
@@ -109,7 +109,7 @@ def _rock(
 def _vibrate(
     oscillator: Oscillator, g: Value, weights: Values, course: FloorCourse, options: Options, reversible: bool
 ):
-    """Return the answers of an oscillator, with arguments and results as for `_rock`.
+    """Return the answers of an oscillator, in the form of `_rock` and with corresponding arguments.
 
     The oscillator is solved as a massless superstructure on a podium that never lifts: its columns are very
     wide, and its rest velocity is very large.
@@ -170,11 +170,12 @@ def _on_floors(structures, excitation, initial, t_end, options: Options, *, capa
     """Return the answers of secondary systems on the floors of a scene.
 
     - `structures`: the podium, and the systems on its floors
-    - `excitation`, `initial`, `t_end`, `options`: the scene
+    - `excitation`, `initial`, `t_end`, `options`: the scene; if `t_end` is None, the end of
+      `end_with_oscillators`
     - `capacity`: number of steps that the history of the floors can hold
-    - `reversible`: whether reverse mode can differentiate the loops
+    - `reversible`: whether to integrate in loops that reverse mode can differentiate
 
-    The result is (floats, (integers, code)): the floats and the integers of each system by name, and the
+    The result is (floats, (integers, code)): for each system a dict of floats and a dict of integers, and the
     result code of the scene.
     """
     podium, systems = structures
@@ -217,19 +218,23 @@ def _solve_group(
 
 
 def _weights_of(podium: Podium, system: Any) -> Values:
-    """Return the weights of the modes and the beam in the motion of the floor under a system, shape (2, modes
-    + 2). The rows give the horizontal and the vertical motion of the floor; the columns belong to the modes,
-    then to the horizontal and the vertical motion of the beam. The vertical weights are zero for contents
-    that ignore the vertical motion."""
+    """Return the weights of modes and beam in the motion of the floor under a system, shape (2, modes + 2).
+
+    The first row gives the horizontal and the second the vertical motion of the floor. The columns belong to
+    the modes, then to the horizontal and the vertical motion of the beam. The second row is zero for contents
+    that ignore the vertical motion.
+    """
     with_beam_weight = with_beam(jnp.asarray(floor_weights("on_floors", podium, system.level)))
     horizontal, vertical = (in_direction(with_beam_weight, direction) for direction in DIRECTIONS)
     return jnp.stack([horizontal, float(getattr(system, "vertical", True)) * vertical])
 
 
 def _stackable(system: Any) -> Any:
-    """Return the system in a form that can be stacked with others of its class: all static fields have common
-    values. `level` and `vertical` become constants, because the weights contain their effect; a factor
-    replaces a law of restitution."""
+    """Return the system in a form that can be stacked with others of its class.
+
+    This needs the same static fields in all systems. `level` and `vertical` therefore become constants; the
+    weights contain their effect. The value of the restitution factor replaces the law of restitution.
+    """
     system = dataclasses.replace(system, level=DECK)
     if isinstance(system, Contents):
         e = GivenRestitution(system.block(jnp.ones(())).restitution_factor)
@@ -267,8 +272,8 @@ def answers_on_floors(
 
 
 def floor_options(options: Options) -> Options:
-    """Return options for the history of the floors: with the flat engine, and only the cheap output
-    `"peak_rotation"`."""
+    """Return options for the history of the floors: with the flat engine, and with the cheap output
+    `"peak_rotation"` alone. The method is dopri8 if the scene has another engine."""
     method = options.method if options.engine == "flat" else "dopri8"
     return options.replace(outputs=("peak_rotation",), engine="flat", method=method)
 
@@ -276,7 +281,8 @@ def floor_options(options: Options) -> Options:
 def as_answers(systems: tuple, floats: tuple, integers: tuple) -> tuple[Any, ...]:
     """Convert the answers of systems to `ContentsAnswer` and `OscillatorAnswer`.
 
-    - `systems`: the systems; `floats`, `integers`: for each system, its answers by name
+    - `systems`: the systems
+    - `floats`, `integers`: for each system, a dict of its answers, as returned by `on_floors`
     """
     answers = []
     for system, floats_of, integers_of in zip(systems, floats, integers, strict=True):

@@ -1,4 +1,4 @@
-"""Peaks of a scene: fields, text, HTML, and datasets."""
+"""Peaks of a scene: the class `Peak`, its text and HTML, and its variables in datasets."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ ALWAYS = {
     name: (Variable(name, unit, description, until_overturning=False), None)
     for name, unit, description in (
         ("exceeded_alpha", "1", "rotation reached α"),
-        ("overturned", "1", "rotation reached overturn_ratio α"),
+        ("overturned", "1", "rotation reached overturn_ratio·α"),
         ("overturn_time", "s", "time of overturning"),
         ("uplifted", "1", "columns left full contact"),
         ("uplift_time", "s", "time of the first uplift"),
@@ -55,8 +55,8 @@ ALWAYS = {
 
 
 def all_variables(outputs: Sequence[str | AbstractOutput] = ()) -> dict[str, tuple[Variable, str | None]]:
-    """Return all answers that a scene can have, by name: the properties of the answer, and the name of the
-    output that must be requested for it (None for answers of every scene).
+    """Return all answers that a scene can have, as name → (`Variable`, output). `output` is the name of the
+    output that must be requested for this answer, or None for answers of every scene.
 
     - `outputs`: requested outputs; user-defined outputs add answers
     """
@@ -66,43 +66,52 @@ def all_variables(outputs: Sequence[str | AbstractOutput] = ()) -> dict[str, tup
 class AbstractPeak(Module):
     """Peaks and result of a scene. (L1) and (L3) are equations of docs/floors.md.
 
+    Peaks of a scene that overturned cover only the time until overturning. Answers that were not requested
+    are NaN unless stated otherwise.
+
     - `peak_rotation`: max|θ|/α, at most `overturn_ratio` [–]; `peak_rotation_time`: time at which this
       rotation is first reached [s]
     - `exceeded_alpha`: |θ| reached α; `overturned`: |θ| reached `overturn_ratio`·α, at `overturn_time` [s]
       (NaN if not)
     - `uplifted`: the columns left full contact, first at `uplift_time` [s] (NaN if not)
-    - `impacts`: number of impacts until rest, overturning or `t_end`; NaN if the scene did not finish, or
-      ended earlier because all requested outputs were final (request `"impacts"`, or compute a history).
-      Unless `"impacts"` is requested, a rigid podium skips its last bounces before rest, and a formula gives
+    - `impacts`: number of impacts until rest, overturning or `t_end`; NaN if the scene did not finish, or may
+      have ended before this number was final. To know the exact number, request `"impacts"` or compute a
+      history; otherwise the last bounces of a rigid podium before rest are not simulated, and a formula gives
       their number to within one or two
     - `peak_deformation`: max|u_t − u_b| [m], 0 if the superstructure is not elastic; if there are several
       modes, they are along the last axis
-    - `peak_shear`: max|V_s|/(m_t g) at the base of the superstructure [–], 0 if there is none. Like
-      `peak_floor_acceleration`, it omits the impulses that impacts exert on mass that belongs to no mode
+    - `peak_shear`: largest shear at the base of the superstructure divided by its weight, max|V_s|/(m_t g)
+      [–]; 0 if there is no superstructure. Like `peak_floor_acceleration`, it leaves out the impulses at
+      impacts that act on the residual mass, which belongs to no mode
     - `peak_drift`: largest drift of each story of a building [m]; `peak_floor_acceleration`: largest absolute
       horizontal acceleration of each floor [m/s²]. Both have a last axis of stories from the bottom, and are
-      None if there are no stories. All peaks of a scene that overturned cover only the time until overturning
-    - `peak_deck_acceleration`: peak absolute horizontal acceleration of the deck sup|a_b|, (L1) [m/s²];
-      `peak_velocity_jump`: largest jump of the deck's horizontal velocity at an impact max|Δv_b|, (L3) [m/s],
-      which no peak acceleration contains. Both are None unless requested
-    - `peak_friction`: largest friction demand max|T|/N of the joints [–], inf if a joint would open;
-      `least_axial_force`, `peak_axial_force`: least and largest N/(m_c g) of the joints [–];
-      `peak_foundation_shear`: max|V| divided by the total weight [–]; `peak_impact_friction`: max|J_T|/J_N at
-      impacts [–]; `least_impulse_share`: least J_N of a column divided by the mean of all columns [–]. These
-      answers are None unless requested. All except `peak_foundation_shear` are for the worst column, with the
-      bottom and the top joint along the last axis
+      None if there are no stories
+    - `peak_deck_acceleration`: largest absolute horizontal acceleration |a_b| of the deck (the beam), (L1)
+      [m/s²]; `peak_velocity_jump`: largest jump |Δv_b| of the deck's horizontal velocity at an impact, (L3)
+      [m/s]. No peak acceleration includes these jumps. Both answers are None unless requested
+    - `peak_friction`: largest friction demand |T|/N of the joints [–], with the horizontal and the axial
+      force T and N of a joint; inf if a joint would open
+    - `least_axial_force`, `peak_axial_force`: least and largest N/(m_c g) of the joints [–], compression
+      positive
+    - `peak_impact_friction`: largest |J_T|/J_N at an impact [–], with the horizontal and the axial impulse
+      J_T and J_N of a joint; `least_impulse_share`: least J_N of a column, divided by the mean J_N of all
+      columns [–]
+    - `peak_foundation_shear`: largest horizontal force on the foundation, divided by the total weight [–].
+      This answer and those of the joints are None unless requested. Those of the joints are for the worst
+      column, with the bottom and the top joint along the last axis
     - `margin`: overturning margin [–], NaN unless requested: 1 if the columns never lift, 0 on the
       overturning boundary, negative if the columns overturn, and more negative if they fall faster
-    - `impacts_before_peak`: number of impacts before the peak rotation, on which its derivatives depend; None
-      unless requested
+    - `impacts_before_peak`: number of impacts before the peak rotation. The derivatives of the peak rotation
+      hold as long as this number stays the same. None unless requested
     - `smallest_impact_speed`: least |θ̇⁻| of the impacts before the peak rotation [rad/s]; inf if there are
       none. Derivatives of the motion after an impact grow like 1/|θ̇⁻|
-    - `values`: answers of all outputs by name. Each answer is also an attribute: `peak.peak_shear` is
+    - `values`: answers of the outputs by name. Each of them is also an attribute: `peak.peak_shear` is
       `peak.values["peak_shear"]`
     - `on_floors`: answers of light secondary systems on the floors, [`rockjax.ContentsAnswer`][] and
       [`rockjax.OscillatorAnswer`][], in the order in which they were given
     - `errors`: estimated errors, an [`rockjax.Errors`][]; None unless requested
-    - `result`: a [`rockjax.RESULTS`][]; `stats`: a `Stats`
+    - `result`: how the scene ended, a [`rockjax.RESULTS`][]
+    - `stats`: numbers of steps, and the end of the scene, a [`rockjax.Stats`][]
     """
 
     values: dict[str, Any]
@@ -125,8 +134,8 @@ class AbstractPeak(Module):
     @property
     def joints_closed(self) -> Bool[Array, "*batch"]:
         """True if no joint would open, and the beam would not lift off a column at an impact, according to
-        the outputs `"axial_force"`, `"impact_friction"` and `"peak_friction"`. Outputs that were not
-        requested are ignored."""
+        `least_axial_force`, `least_impulse_share` and `peak_friction`. Answers that were not requested are
+        ignored."""
         is_closed = jnp.ones(jnp.shape(self.overturned), bool)
         for name in ("least_axial_force", "least_impulse_share"):
             values = self.values.get(name)
@@ -172,12 +181,12 @@ class Peak(AbstractPeak):
 
 
 def peak_fields(floats, integers, options: Options, *, throw: bool = False, history: bool = False) -> dict:
-    """Return the fields of a `Peak` of a scene or a batch.
+    """Return fields of the `AbstractPeak` of a scene or a batch by name: all except `errors` and `on_floors`.
 
     - `floats`, `integers`: outputs of the scenes by name
     - `options`: options of the scenes
     - `throw`: whether to raise `RuntimeError` for a scene that did not finish
-    - `history`: whether the scenes have a history; they are then solved until rest
+    - `history`: whether the scenes have a history; such scenes are solved until rest
     """
     code = integers["code"]
     if throw:
@@ -197,11 +206,11 @@ def peak_fields(floats, integers, options: Options, *, throw: bool = False, hist
 
 
 def _impacts(floats, integers, options: Options, history: bool):
-    """Return the number of impacts, or NaN if the scene ended before this number was final.
+    """Return the number of impacts, or NaN where it may not be final. Arguments as for `peak_fields`.
 
     In a scene that ended because all outputs were final, the number is final if it was requested or the scene
-    has a history. It is also final (zero) if the columns never lifted, and the rotation or the margin, which
-    an uplift would change, was requested.
+    has a history. If the rotation or the margin was requested, such a scene ends only when no uplift can
+    change them any more; if the columns have not lifted by then, the number is final too, and zero.
     """
     answers = integers["code"], integers["impacts"], integers["uplifted"]
     is_traced, is_jax = any(isinstance(y, Tracer) for y in answers), isinstance(answers[1], jax.Array)
@@ -237,7 +246,11 @@ def raise_if_unfinished(code: Array) -> None:
 def peak_variables(
     peaks: AbstractPeak, outputs: Sequence[str | AbstractOutput]
 ) -> Iterator[tuple[str, np.ndarray, dict[str, Any]]]:
-    """Yield (name, values, attributes) of the requested answers of a peak or a batch."""
+    """Yield (name, values, attributes) of each dataset variable of peaks: requested answers and their
+    estimated errors, answers of every scene, `undecided`, `result` and `steps`.
+
+    - `peaks`, `outputs`: answers of a scene or a batch, and its requested outputs
+    """
     requested = {y if isinstance(y, str) else y.name for y in outputs}
     variables = all_variables(outputs)
     for name, (variable, output) in variables.items():
@@ -261,7 +274,8 @@ def peak_variables(
                 )
         attrs = {
             "units": "1",
-            "long_name": "overturning is undecided within ten times the estimated error, or chaotic",
+            "long_name": "ten times the estimated error could change whether the columns overturn, or the "
+            "rocking is chaotic, or a solution did not finish",
         }
         yield "undecided", np.asarray(peaks.errors.undecided), attrs
     code = np.asarray(results.code_of(peaks.result), np.int8)
@@ -274,19 +288,23 @@ def peak_variables(
 
 
 def _overturning_attrs(variable: Variable) -> dict[str, str]:
-    """Return the attributes of a peak that refer to the variable `overturned`."""
+    """Return the attributes that state that a peak covers only the time until overturning; empty for other
+    answers."""
     if not variable.until_overturning:
         return {}
-    return {"ancillary_variables": "overturned", "comment": f"where overturned, {UNTIL_OVERTURNING}"}
+    return {
+        "ancillary_variables": "overturned",
+        "comment": f"for scenes that overturned, the value {UNTIL_OVERTURNING}",
+    }
 
 
 def data_variables(
     peaks: Peak, outputs: Sequence[str | AbstractOutput], dims: tuple[str, ...]
 ) -> dict[str, Any]:
-    """Return the variables of a dataset: peaks, answers of secondary systems on floors, and sensitivities, if
-    there are any, along `parameter`.
+    """Return the variables of a dataset: peaks, their sensitivities along the dim `parameter`, if there are
+    any, and the answers of secondary systems on floors.
 
-    - `peaks`, `outputs`: a batch and its requested outputs
+    - `peaks`, `outputs`: answers of a scene or a batch, and its requested outputs
     - `dims`: dims of the scenes; empty if the caller adds these dims
     """
     scenes = np.ndim(peaks.stats.steps)
@@ -299,7 +317,7 @@ def data_variables(
         if name in slopes:
             attrs = {
                 "units": variable.unit,
-                "long_name": f"y ∂/∂y of the {variable.description}, for each parameter y",
+                "long_name": f"derivative of the {variable.description} with respect to parameter y, times y",
             }
             values = np.asarray(slopes[name])
             own = own_axis(name, values.ndim - scenes - 1, outputs)
@@ -308,7 +326,8 @@ def data_variables(
 
 
 def own_axis(name: str, dimensions: int, outputs: Sequence[str | AbstractOutput] = ()) -> tuple[str, ...]:
-    """Return the dim of modes, stories or joints of an answer, or of its error; empty for a scalar answer.
+    """Return the own dim of an answer, or of its error: modes, stories, joints, or `<answer>_component` for a
+    user-defined output without `axis`; empty for a scalar answer.
 
     - `name`: name of the variable
     - `dimensions`: number of dimensions without those of scenes and parameters, 0 or 1
@@ -326,7 +345,7 @@ def parameter_axis(sensitivities: Sensitivities | None) -> dict[str, Any]:
 
 
 def _text(peak: AbstractPeak) -> str:
-    """Return a readable description of one scene, or of the size of a batch."""
+    """Return a readable description of one scene; for a batch, only its size and how many overturned."""
     headline, rows = _summary(peak)
     return "\n".join(
         [headline, *(f"  {label:<16} {value}" if value else f"  {label}" for label, value in rows)]
@@ -342,8 +361,8 @@ def _html(peak: AbstractPeak) -> str:
 def _summary(peak: AbstractPeak) -> tuple[str, list[tuple[str, str]]]:
     """Return a headline, and rows of label and value."""
     class_name = type(peak).__name__
-    codes = concrete(peak.peak_rotation) is not None and concrete(results.code_of(peak.result))
-    if codes is None or codes is False:
+    codes = None if concrete(peak.peak_rotation) is None else concrete(results.code_of(peak.result))
+    if codes is None:
         return f"{class_name}(traced)", []
     if codes.ndim:
         overturned = int(np.sum(np.asarray(peak.overturned)))
@@ -381,7 +400,7 @@ def _summary(peak: AbstractPeak) -> tuple[str, list[tuple[str, str]]]:
 
 
 def _rows_of_joints(peak: AbstractPeak) -> list[tuple[str, str]]:
-    """Return rows (label, value) for the requested outputs of joints."""
+    """Return rows (label, value) for the requested answers of joints and foundation."""
     requested = [(y, VARIABLES[name][0]) for name, y in peak.values.items() if name in VARIABLES]
     rows = [
         (variable.symbol, f"{_format(value)} ({', '.join(JOINT_NAMES)})")

@@ -1,4 +1,4 @@
-"""Time histories: the motion at any time, and quantities derived from this motion."""
+"""Time history of a scene: the class `Response` with the motion at any time, and derived quantities."""
 
 from __future__ import annotations
 
@@ -62,17 +62,21 @@ _IMPACTS = {
 class Response(AbstractPeak):
     """Time history of one scene: everything in [`rockjax.Peak`][], and the motion.
 
-    `response(t)` returns the state at any times of the scene with the accuracy of the solution, by one step
-    of the method from the preceding node. At the time of an impact it returns the state after the impact, or
-    with `left=True` the state before. Methods that take times return NaN before the start and after the
-    end of the scene. If a rigid podium has come to rest for good, the history has no end.
+    `response(t)` returns the state at any times of the scene with the accuracy of the solution. It makes one
+    step of the integration method from the preceding node, the end of an accepted step. At the time of an
+    impact it returns the state after the impact, or with `left=True` the state before. Methods that take
+    times return NaN before the start and after the end of the scene. The history of a rigid podium that has
+    come to rest for good has no end.
 
     - `impact_times`: times of the impacts [s], ascending; padded with NaN under `jit`
-    - `times`: times of the nodes (the accepted steps) [s]; padded with inf under `jit`
-    - `origin`: name, source, factor and seed of the motion if it was given as a [`rockjax.Motion`][]
+    - `times`: times of the nodes [s]; padded with inf under `jit`
+    - `podium`, `excitation`, `options`: structure, ground motion and options of the scene
+    - `nodes`: states at the nodes
+    - `origin`: name, source, factor and seed of a [`rockjax.Motion`][], as pairs (name, value); empty for
+      other excitations
 
-    Equations with a letter are in docs/modes.md (C11), docs/floors.md (L…), docs/forces.md and
-    docs/equations.md.
+    Equations with a number alone are in docs/model.md. Equations with a letter are in docs/modes.md (C11),
+    docs/floors.md (L…), docs/forces.md and docs/equations.md.
     """
 
     impact_times: Float[Array, " impacts"]
@@ -88,8 +92,8 @@ class Response(AbstractPeak):
 
     @property
     def span(self) -> tuple[float, float]:
-        """Start and end of the part to plot [s]. It includes the whole ground motion even if a rigid podium
-        comes to rest earlier."""
+        """Start and end of the part of the scene to plot [s]. This part includes the whole ground motion even
+        if a rigid podium comes to rest earlier."""
         start, end = float(np.asarray(self.times)[0]), float(self.stats.end_time)
         if not self.podium.vibrates and bool(self.result == RESULTS.settled):
             end = max(end, float(self.excitation.support[1]))
@@ -101,8 +105,8 @@ class Response(AbstractPeak):
         return State(theta, theta_dot, *map(self._over_modes, of_modes))
 
     def deformation(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
-        """Return the deformation of the superstructure u_t − u_b at times t [s], in m; 0 if it is not
-        elastic. Several modes are along the last axis."""
+        """Return the deformation of the superstructure u_t − u_b at times t [s], in m; 0 without an elastic
+        superstructure. Several modes are along the last axis."""
         return self._over_modes(*self._values_at(t, "deformation"))
 
     def drift(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times stories"]:
@@ -158,7 +162,8 @@ class Response(AbstractPeak):
 
     def damper_energy(self, t: Float[ArrayLike, "*times"] | None = None) -> Float[Array, "*times"]:
         """Return the energy that the dampers of the columns, [`rockjax.Damper`][], have dissipated up to
-        times t [s], ∫(C/m_c)|ℓ̇|^(1+ν) dt per N m_c [m²/s²]; by default up to the end of the scene."""
+        times t [s], by default up to the end of the scene, divided by the mass N m_c of all columns:
+        ∫(C/m_c)|ℓ̇|^(1+ν) dt [m²/s²]."""
         return self.energies(self.stats.end_time if t is None else t).dampers
 
     def floor(
@@ -193,8 +198,9 @@ class Response(AbstractPeak):
         """Return the forces in the joints of all columns divided by m_c g, at times t [s], (F3) to (F11). At
         the time of an impact, these are the forces after the impact, or with `left=True` before it.
 
-        If no elevation is given, there is one column, the mean column. Forces follow from the motion and do
-        not affect it. They no longer hold after the first time at which a joint is in tension or would slide.
+        If the podium has no elevation, there is one column, the mean column. Forces follow from the motion
+        and do not affect it. After the first time at which a joint is in tension or would slide, they no
+        longer hold.
         """
         series = self._joint_series(t, left)
         return JointForces(series["joint_shear"], series["joint_axial_force"])
@@ -250,20 +256,23 @@ class Response(AbstractPeak):
             return {name: _truncate(y, t.size).reshape(*t.shape, *y.shape[1:]) for name, y in series.items()}
 
     def energies(self, t: Float[ArrayLike, "*times"]) -> Energies:
-        """Return the balance of energy at times t [s]; the powers are integrated over all steps before t."""
+        """Return the balance of energy at times t [s], an [`rockjax.Energies`][]. The powers are integrated
+        over all steps up to t."""
         t = as_float(t)
         _, energies = self._history(t.ravel(), np.zeros(t.size, bool))
         with nans_allowed():
             return jax.tree.map(lambda y: y.reshape(t.shape) if y.ndim else y, energies)
 
     def dataset(self, t: Float[ArrayLike, " times"] | None = None) -> xarray.Dataset:
-        """Return the history as a dataset: states, deformation, ground acceleration, contact mode, restoring
-        moment and energies at times t, by default at 4001 times from start to end of `span`.
+        """Return the history as a dataset, at times t [s], shape (n,); by default at 4001 times from start to
+        end of `span`.
 
-        Answers of [`rockjax.Peak`][] have no dim `time`. The times of impacts and the rates of rotation
-        before and after impacts have the dim `impact`. Joint forces are included if an output of the joints
-        was requested. Every variable has `units` and `long_name`; the attributes contain parameters,
-        tolerances and versions. Raises `ValueError` for times that are not 1-D.
+        States, deformation, ground acceleration, contact mode, restoring moment, energies, and drifts and
+        floor accelerations of an elastic building have the dim `time`. Joint forces are included if an output
+        of the joints was requested. The times of impacts and the rates of rotation before and after impacts
+        have the dim `impact`. Answers of [`rockjax.Peak`][] are included and have neither dim. Every
+        variable has `units` and `long_name`; the attributes contain parameters, tolerances and versions.
+        Raises `ValueError` for times that are not 1-D.
         """
         if t is None:
             t = np.linspace(*self.span, 4001)
@@ -305,6 +314,7 @@ class Response(AbstractPeak):
         return samples, Energies(*terms, initial=initial)
 
     def _scene(self, with_elevation: bool = False) -> history.Solved:
+        """Return the solved scene as functions of `history` take it; only joint forces need the elevation."""
         # The segments engine may use any Diffrax solver, so between the nodes of its history dopri8 is used.
         method = self.options.method if self.options.engine == "flat" else "dopri8"
         at_rest = (self.result == RESULTS.settled) & (not self.podium.vibrates)

@@ -31,8 +31,9 @@ class Sensitivities(Module):
 
     - `parameters`: names of the parameters, in the order of the last axis of the following arrays
     - `peak_rotation` [–], `peak_deformation` [m], `peak_shear` [–], `margin` [–], …: y ∂(…)/∂y of the answer
-      of this name; None if the answer was not requested or does not exist. Derivatives with respect to
-      parameters of value zero are zero. Axes of modes, stories and joints precede the axis of parameters
+      of this name; None if the answer was not requested, does not exist, or has no derivative. Derivatives
+      with respect to parameters of value zero are zero. Axes of modes, stories and joints precede the axis of
+      parameters
     - `values`: these derivatives by name
     """
 
@@ -46,10 +47,10 @@ class Sensitivities(Module):
 def sensitivities_of(
     floats, names: tuple[str, ...], outputs: Sequence[str | AbstractOutput]
 ) -> Sensitivities | None:
-    """Return the sensitivities of requested peaks, or None if no parameters are given.
+    """Return the sensitivities of requested peaks, or None if `names` is empty.
 
-    - `floats`: outputs of the scenes by name, including derivatives
-    - `names`: parameters
+    - `floats`: outputs of the scenes by name; the derivatives have the names of `slope_name`
+    - `names`: names of the parameters
     - `outputs`: requested outputs
     """
     if not names:
@@ -64,11 +65,11 @@ def slope_name(answer: str) -> str:
 
 
 def scalar_fields(motion: AbstractExcitation) -> dict[str, str]:
-    """Return the fields of a motion that hold scalar parameters, by parameter name.
+    """Return a dict: name of each scalar parameter of a motion → field that holds it.
 
     A parameter has the name of its field, with the prefix `excitation.` if the structure has a parameter of
-    this name. For a pair of motions, fields start with `horizontal.` or `vertical.`, and parameters of the
-    vertical motion with `vertical.`.
+    this name. For a `GroundMotion`, fields start with `horizontal.` or `vertical.`, but only names of
+    parameters of the vertical motion have the prefix `vertical.`.
     """
     if isinstance(motion, GroundMotion):
         components = {part: scalar_fields(getattr(motion, part)) for part in PARTS}
@@ -107,8 +108,9 @@ def check_sensitivities(
     - `podium`, `motion`: structure and ground motion of the scenes
     - `names`: requested parameters
 
-    Raises `ValueError` for a name that is not a parameter of the structure or the motion, for a name that
-    occurs twice, and for two names of the same quantity, such as `alpha` and `tan_alpha`.
+    Raises `ValueError` for a name that is not a parameter of the structure or the motion, for a parameter
+    without a derivative, for a name that occurs twice, and for two names of the same quantity, such as
+    `alpha` and `tan_alpha`.
     """
     names = _checks.as_strings(owner, "sensitivities", names)
     if not names:

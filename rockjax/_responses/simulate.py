@@ -41,20 +41,21 @@ def peak_response(
 ) -> Peak:
     """Compute the peak response of one scene, without history.
 
-    Works under `jit`, `vmap`, `grad`, `jacfwd` and `jvp`, with respect to all arrays in `podium`,
+    Works under `jit` and `vmap`, and under `grad`, `jacfwd` and `jvp` with respect to all arrays in `podium`,
     `excitation`, `initial` and `t_end`. For many scenes outside `jit` see [`rockjax.peak_responses`][].
 
     - `podium`: a single podium; only modes, stories and columns may have an axis
     - `excitation`: a pulse, a wavelet, a record, a `Motion`, or any other [`rockjax.AbstractExcitation`][]
     - `initial`: state at the start of the excitation's support
-    - `t_end`: latest end of the scene [s]; by default max(30/p, 10 T_s) after the end of the excitation
+    - `t_end`: latest end of the scene [s]; by default max(30/p, 10 T_s) after the end of the excitation, with
+      the longest period T_s of the superstructure
     - `options`: accuracy, requested outputs and limits
     - `on_floors`: light secondary systems on the floors, [`rockjax.Contents`][] and [`rockjax.Oscillator`][],
-      one or a sequence of them; their answers are the field `on_floors` of the result, and do not affect the
-      other fields
+      one or a sequence of them; their answers are the field `on_floors` of the result, and the other fields
+      do not depend on them
 
-    If values are concrete, raises `ValueError` for invalid inputs and, with `options.throw`, `RuntimeError`
-    for a scene that does not finish. Under `jit` check `result`.
+    Raises `ValueError` for invalid inputs and, with `options.throw`, `RuntimeError` for a scene that does not
+    finish. Values that JAX traces, as under `jit`, are not checked; check `result` then.
     """
     arguments = _arguments("peak_response", podium, excitation, initial, t_end, options)
     floats, integers, _ = _solve(*arguments, None)
@@ -80,14 +81,14 @@ def simulate(
     - `podium`, `excitation`, `initial`, `t_end`, `options`, `on_floors`: as for [`rockjax.peak_response`][];
       under `jit` the history has a capacity of `options.history` steps, otherwise it grows as needed
 
-    Peaks and estimated errors equal those of `peak_response` within the tolerance, unless rocking is chaotic,
-    which the output `"errors"` detects. `impacts` counts all impacts up to the end of the history; in
-    `peak_response` it may be NaN or approximate unless requested. Raises the same exceptions as
+    Peaks and estimated errors equal those of `peak_response` within the tolerance, unless rocking is chaotic;
+    the output `"errors"` detects chaotic rocking. `impacts` counts all impacts up to the end of the history;
+    in `peak_response` this number may be NaN or approximate unless requested. Raises the same exceptions as
     `peak_response`.
     """
     arguments = _arguments("simulate", podium, excitation, initial, t_end, options)
     (motion,) = excitation if isinstance(excitation, Motions) else (excitation,)
-    # Every capacity needs its own program, so the first capacity is one that few scenes exceed.
+    # Every capacity needs its own program, so the first capacity is so large that few scenes exceed it.
     largest_capacity = options.max_steps + 2
     is_concrete = not any(isinstance(y, Tracer) for y in jax.tree.leaves(arguments))
     capacity = min(max(options.history, CAPACITY), largest_capacity) if is_concrete else options.history
@@ -152,11 +153,15 @@ def _arguments(owner: str, podium, excitation, initial, t_end, options):
     check_types(owner, podium, options)
     excitation = as_excitation(owner, excitation)
     initial, t_end = as_start(owner, initial, podium), as_end(owner, t_end)
-    for name, tree in (("podium", podium.split_rows()), ("initial", initial), ("t_end", t_end)):
+    for name, requirement, tree in (
+        ("podium", "must have scalar parameters", podium.split_rows()),
+        ("initial", "must have scalar fields", initial),
+        ("t_end", "must be a scalar", t_end),
+    ):
         shapes = {jnp.shape(y) for y in jax.tree.leaves(tree)} - {()}
         if shapes:
             raise ValueError(
-                f"{owner}: {name} must have scalar parameters, got arrays of shape {shapes}; "
+                f"{owner}: {name} {requirement}, got arrays of shape {', '.join(map(str, shapes))}; "
                 f"for batches use rockjax.peak_responses or jax.vmap"
             )
     for name in ("theta", "theta_dot", "u_t", "u_t_dot"):

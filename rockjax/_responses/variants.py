@@ -28,7 +28,7 @@ from rockjax._structures import Podium
 
 from .sensitivities import scalar_fields, with_scalars
 
-_HINTS = {"restitution": "; it can vary only if it is a factor, such as restitution=0.9"}
+_HINTS = {"restitution": "; restitution can vary only in a podium with a factor, such as restitution=0.9"}
 _RATIOS = tuple(name for name, parameter in MOTION.items() if parameter.instead_of)  # instead of a_p or T_p
 
 
@@ -61,7 +61,7 @@ def pick_motions(motions: AbstractExcitation, which: np.ndarray) -> AbstractExci
 
 
 def variable_parameters(podium: Podium, motion: AbstractExcitation, is_single: bool) -> list[str]:
-    """Return the names that `with_parameters` accepts.
+    """Return the names of the parameters that `with_parameters` can change.
 
     - `podium`, `motion`: the structure, and one motion or a batch of motions
     - `is_single`: whether `motion` is one motion
@@ -96,8 +96,9 @@ def with_parameters(
     """Return a podium and a motion with other values of parameters.
 
     - `owner`: name of the calling function, for messages
-    - `podium`, `motion`: the structure and the motion, or a batch of motions
-    - `values`: arrays of shapes that broadcast, by parameter name (see `variable_parameters`)
+    - `podium`: the structure
+    - `motion`: one motion, or a batch of motions
+    - `values`: arrays whose shapes broadcast with each other, by parameter name (see `variable_parameters`)
 
     Raises `ValueError` for values out of range.
     """

@@ -1,5 +1,7 @@
-"""Power of the ground and of dampers, and the restoring moment of the columns, along a history. (C18) and
-(C22) are in docs/equations.md."""
+"""Power of the ground and of dampers, and the restoring moment of the columns, at one instant of a scene.
+
+Equations with a number alone are in docs/model.md; (C18) and (C22) are in docs/equations.md.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,8 @@ from rockjax._types import Value, Vector
 
 
 def damper_power(c: Coefficients, restraint: Restraint, sigma: Value, x: Vector, v: Vector) -> Value:
-    """Return the power dissipated by restrainers, (C/m_c)|ℓ̇|^(1+ν) for dampers, per N m_c [m²/s³].
+    """Return the power that the restrainers dissipate, divided by N m_c; (C/m_c)|ℓ̇|^(1+ν) for dampers
+    [m²/s³].
 
     - `c`, `restraint`: constants of the podium and of its restrainers
     - `sigma`: contact mode σ ∈ {−1, 0, 1}
@@ -34,8 +37,8 @@ def damper_power(c: Coefficients, restraint: Restraint, sigma: Value, x: Vector,
 def power(
     c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector
 ) -> tuple[Value, Value]:
-    """Return the power of the ground and the power dissipated by the superstructure's damper, per N m_c
-    [m²/s³].
+    """Return the power of the ground and the power that the superstructure's damper dissipates, both divided
+    by N m_c [m²/s³].
 
     - `c`: constants of the podium
     - `sigma`: contact mode σ ∈ {−1, 0, 1}
@@ -61,7 +64,7 @@ def power(
 
 
 def restoring_moment(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector) -> Value:
-    """Return the restoring moment about the edges divided by its value at uplift [–].
+    """Return the restoring moment of the columns about their edges, divided by its value at uplift [–].
 
     - `c`: constants of the podium
     - `sigma`: contact mode σ ∈ {−1, 0, 1}
@@ -71,8 +74,8 @@ def restoring_moment(c: Coefficients, sigma: Value, ground: Value | Shaking, x: 
     In full contact the moment balances the uplift demand q: it is −q/q_up, Eq. (9). While rocking, the
     vertical forces of the foundation act at the edges and carry the weights and the vertical inertia forces:
     (sin ψ/sin α)[1 + (2γ+2η+½)/(2γ+2η+1) v̈_b/g] with v̈_b of Eq. (15), because the centres of the columns
-    rise half as fast as the beam. At uplift v̈_b = 0, and both expressions equal σ. Restrainers add forces
-    times lever arms, (C22).
+    rise half as fast as the beam. At uplift v̈_b = 0, and both expressions equal σ. A vertical ground
+    acceleration adds v̈_g/g in the brackets. Restrainers add forces times lever arms, (C22).
     """
     s, _ = sincos(sigma * c.alpha - x[0])
     theta_ddot = acceleration(c, sigma, ground, x, v)[0]

@@ -51,33 +51,39 @@ def contents_fragility(
     """Fit fragility curves of blocks on the floors of a podium, one for each damage state.
 
     Every record is scaled to all levels of `intensity`. Each curve is fitted by maximum likelihood to the
-    numbers of records that reach the damage state at the levels (multiple stripes).
+    numbers of records that reach the damage state at each level (multiple stripes).
 
     - `podium`: podium with scalar parameters
     - `contents`: dict of name → [`rockjax.Contents`][]; or one or more `Contents`, which get the names
       `contents-1`, …
     - `records`, `intensity`, `measure`, `names`, `progress`: as for
       [`rockjax.incremental_dynamic_analysis`][]
-    - `damage_states`: thresholds of max|φ|/α_c, rotation divided by slenderness of a block, ascending, from 0
-      to the `overturn_ratio` of the blocks [–]. A block reaches state 0 if it rocks at all, and every state
-      if it overturns
+    - `damage_states`: thresholds of max|φ|/α_c, the rotation of a block divided by its slenderness,
+      ascending, from 0 to the least `overturn_ratio` of the blocks [–]. A block reaches state 0 if it rocks
+      at all, and every state if it overturns
     - `overturned`: `"drop"` leaves out scenes in which the podium overturns, so that the curves hold for a
       standing podium; `"exceed"` counts such scenes as reaching every damage state
     - `at`: intensities at which the curves are evaluated, shape (x,), > 0; by default 200 equally spaced
       values up to the highest level
-    - `confidence`: confidence level of the intervals and bands, in (0, 1); None omits both
+    - `confidence`: confidence level of the intervals and bands, in (0, 1); None omits intervals and bands
     - `options`: options of the scenes
 
-    Returns a Dataset. `median_capacity` and `dispersion` (dims `contents`, `damage_state`) have the
-    confidence intervals `interval` (further dims `quantity`, `bound`), from the jackknife over records.
-    `probability` and the band from `lower` to `upper` have the further dim `at`. `counted` (dims `contents`,
-    `intensity`) is the number of records at a level, without scenes that did not finish or are left out.
-    `observed` (dims `contents`, `damage_state`, `intensity`) is the share of the counted records that reach
-    the state. Answers of the podium, such as `overturned`, have the dims `record` and `intensity`;
-    answers of the blocks, such as `contents_peak_rotation`, also have `contents`. Curves that the counts do
-    not determine are NaN, and a `RuntimeWarning` names them. Another warning is issued for intervals from
-    fewer than five records. A single curve, `data.sel(contents="cabinet", damage_state=1.0)`, is valid for
-    [`rockjax.annual_frequency`][].
+    Returns a Dataset:
+
+    - `median_capacity`, `dispersion` (dims `contents`, `damage_state`): median and dispersion of each curve
+    - `interval` (further dims `quantity`, `bound`): their confidence intervals, from the jackknife over
+      records
+    - `probability`, and the band from `lower` to `upper` (dims `contents`, `damage_state`, `at`): the curves
+    - `counted` (dims `contents`, `intensity`): number of records at a level, without scenes that did not
+      finish or are left out
+    - `observed` (dims `contents`, `damage_state`, `intensity`): share of the counted records that reach the
+      damage state
+    - answers of the podium, such as `overturned` (dims `record`, `intensity`), and of the blocks, such as
+      `contents_peak_rotation` (dims `record`, `intensity`, `contents`)
+
+    Curves and intervals that the counts do not determine are NaN, and a `RuntimeWarning` names them. Another
+    warning is issued for intervals from fewer than five records. A single curve,
+    `data.sel(contents="cabinet", damage_state=1.0)`, is valid for [`rockjax.annual_frequency`][].
 
     Raises `ValueError` for invalid inputs.
     """
@@ -157,7 +163,8 @@ def _blocks_by_name(owner: str, contents: Any) -> dict[str, Contents]:
 
 
 def _checked_states(owner: str, damage_states: Any, blocks: Mapping[str, Contents]) -> np.ndarray:
-    """Return thresholds of damage states; raise `ValueError` unless they ascend and are in range."""
+    """Return the thresholds of damage states as an array; raise `ValueError` unless they ascend and lie
+    between 0 and the least `overturn_ratio` of the blocks."""
     states = np.asarray(as_float(damage_states, f"{owner}: damage_states"))
     if states.ndim != 1 or states.size == 0 or np.any(np.diff(states) <= 0):
         raise ValueError(f"{owner}: damage_states must be a 1-D array that ascends, got {damage_states!r}")
@@ -168,10 +175,11 @@ def _checked_states(owner: str, damage_states: Any, blocks: Mapping[str, Content
 
 
 def _add_curves(data: xarray.Dataset, exceed: bool, confidence: float | None) -> None:
-    """Add counts, curves, intervals and bands to the dataset of the peaks, in place.
+    """Add counts, curves, intervals and bands to the dataset of the peaks, in place; warn of missing ones.
 
+    - `data`: peaks of podium and blocks
     - `exceed`: whether scenes in which the podium overturns count as reaching every damage state
-    - `confidence`: confidence level, or None
+    - `confidence`: confidence level; None omits intervals and bands
     """
     levels, x = data["intensity"].values, data["at"].values
     units, name = data["intensity"].attrs["units"], data.attrs["measure"]
@@ -244,9 +252,9 @@ def _fit_with_jackknife(
 def _warn_of_undetermined(
     data: xarray.Dataset, confidence: float | None, no_curve: np.ndarray, no_interval: np.ndarray
 ):
-    """Warn of curves and intervals that the counts do not determine, and of few records.
+    """Warn of curves and intervals that the counts do not determine, and of too few records.
 
-    - `data`: dataset of the curves; `confidence`: confidence level, or None
+    - `data`: dataset of the curves; `confidence`: confidence level, or None without intervals
     - `no_curve`, `no_interval`: arrays of shape (contents, damage states), True where the curve or its
       interval is missing
     """

@@ -37,29 +37,35 @@ def fragility(
     """Fit a lognormal fragility curve to an incremental dynamic analysis, by maximum likelihood.
 
     - `analysis`: result of [`rockjax.incremental_dynamic_analysis`][]
-    - `method`: `"capacities"` fits the least overturning intensities; for a record that does not overturn,
-      this method uses only that its capacity is above the highest level (censoring). `"stripes"` fits the
-      counts of overturned records at each level; a record may survive levels above its first overturning. By
-      default `"capacities"`; with `limit`, the default and only valid method is `"stripes"`
+    - `method`: `"capacities"` fits the capacities of the records, their least overturning intensities; of a
+      record that does not overturn, it uses only that the capacity is above the highest level (censoring).
+      `"stripes"` fits the counts of overturned records at each level; a record may survive levels above its
+      capacity. By default `"capacities"`; with `limit`, the default and only valid method is `"stripes"`
     - `at`: intensities at which the curve is evaluated, shape (x,), > 0; by default 200 equally spaced
       values up to the highest level
-    - `confidence`: confidence level of the intervals and the band, in (0, 1); None omits both
-    - `limit`: a limit state in addition to overturning: (name, value) of a peak of the analysis, such as
-      `("peak_friction", 0.3)` or `("least_axial_force", 0.0)`. A scene fails if the podium overturns, if the
-      peak exceeds the value, or if a peak named `least_…` is below it. The worst mode, story, floor or joint
-      counts. The `options` of the analysis must request the output that contains this peak
+    - `confidence`: confidence level of the intervals and the band, in (0, 1); None omits intervals and band
+    - `limit`: a limit state in addition to overturning, as (name, value) with the name of a peak of the
+      analysis, such as `("peak_friction", 0.3)` or `("least_axial_force", 0.0)`. A scene fails if the podium
+      overturns, if the peak exceeds the value, or if a peak named `least_…` is below the value. The worst
+      mode, story, floor or joint counts. The `options` of the analysis must request the output that contains
+      this peak
 
-    Returns a Dataset. The scalars `median_capacity` and `dispersion` have the confidence intervals `interval`
-    (dims `quantity`, `bound`; with the number of records as an attribute). `probability` and the band from
-    `lower` to `upper` have the dim `at`; `observed`, the share of records that fail, has `intensity`.
-    If the analysis has sensitivities and `method` is `"capacities"`, `median_sensitivity` and
-    `dispersion_sensitivity` (dim `parameter`) are d ln(median)/d ln y and d(dispersion)/d ln y.
+    Returns a Dataset:
+
+    - `median_capacity`, `dispersion`: scalars; `interval` (dims `quantity`, `bound`): their confidence
+      intervals, with the numbers of records as attributes
+    - `probability`, and the band from `lower` to `upper` (dim `at`): the curve
+    - `observed` (dim `intensity`): share of records that fail
+    - `capacity` (dim `record`): capacities; with `limit`, the lowest level at which a record fails; NaN if it
+      does not overturn or fail
+    - `median_sensitivity`, `dispersion_sensitivity` (dim `parameter`): d ln(median)/d ln y and
+      d(dispersion)/d ln y, if the analysis has sensitivities and `method` is `"capacities"`
 
     Intervals of `"capacities"` use the profile likelihood of lognormal capacities. Without censored records
     they are exact for median and dispersion; with censored records their coverage differs from `confidence`
     by some per cent. Intervals of `"stripes"` come from the jackknife, which repeats the fit without each
-    record in turn. A `RuntimeWarning` is issued if there are fewer than five records that overturn
-    (`"capacities"`), or fewer than five records (`"stripes"`).
+    record in turn. A `RuntimeWarning` is issued for intervals from fewer than five records that overturn
+    (`"capacities"`), or from fewer than five records (`"stripes"`).
 
     Raises `ValueError` for invalid arguments, and if no curve or no interval can be fitted.
     """
@@ -74,7 +80,7 @@ def fragility(
         method = "stripes"
         analysis = _with_limit(analysis, limit)
     data = _Outcomes.from_analysis(analysis)
-    fit = _fit(method, data)
+    fit = _fit(method, data, analysis.attrs.get("limit_state"))
     x = checked_intensities("fragility", at, data.levels)
     curve = _dataset(analysis, fit, x, method)
     if confidence is not None:
@@ -110,10 +116,11 @@ def checked_intensities(owner: str, at, levels: np.ndarray) -> np.ndarray:
 class _Outcomes(NamedTuple):
     """Capacities and outcomes of the records of an analysis.
 
-    - `capacity`: least overturning intensity of each record, shape (n,); inf if above the highest level
-    - `censor_limit`: lower bound of censored capacities, the highest level for each record, shape (n,)
+    - `capacity`: least overturning intensity of each record, shape (n,); inf if above the highest level. With
+      a limit state, the lowest level at which the record fails
+    - `censor_limit`: the highest level for each record, shape (n,), a lower bound of unknown capacities
     - `levels`: levels of intensity, shape (m,)
-    - `overturned`: 1 where a record overturns or is beyond the limit, otherwise 0, shape (n, m)
+    - `overturned`: 1 where a record overturns or is beyond the limit state, otherwise 0, shape (n, m)
     """
 
     capacity: np.ndarray
@@ -136,7 +143,8 @@ class _Outcomes(NamedTuple):
 
 
 def _with_limit(analysis: xarray.Dataset, limit: tuple[str, float]) -> xarray.Dataset:
-    """Return the analysis with outcomes and capacities that include a limit state besides overturning."""
+    """Return the analysis with outcomes and capacities for a limit state in addition to overturning. Raises
+    `ValueError` if the analysis has no peak of this name, or if the value is not finite."""
     names = [name for name, y in analysis.data_vars.items() if {"record", "intensity"} <= set(y.dims)]
     peaks = [str(name) for name in names if str(name).startswith(("peak_", "least_"))]
     if not (isinstance(limit, tuple) and len(limit) == 2 and limit[0] in peaks):
@@ -152,7 +160,7 @@ def _with_limit(analysis: xarray.Dataset, limit: tuple[str, float]) -> xarray.Da
     failed = failed.transpose(*analysis["overturned"].dims)
     levels = analysis["intensity"]
     changed = analysis.assign(
-        overturned=failed.assign_attrs(long_name=f"whether {name} is beyond {value:g}"),
+        overturned=failed.assign_attrs(long_name=f"the podium overturned, or {name} is beyond {value:g}"),
         capacity=levels.where(failed).min("intensity"),
     )
     comparison = "<" if name.startswith("least_") else ">"
@@ -185,14 +193,19 @@ def _describe_type(value) -> str:
     return f"a dataset of kind {kind!r}" if kind else f"a {type(value).__name__}"
 
 
-def _fit(method: str, data: _Outcomes) -> Lognormal:
-    """Return the fitted curve. Raises `ValueError` if the likelihood has no maximum."""
+def _fit(method: str, data: _Outcomes, limit_state: str | None) -> Lognormal:
+    """Return the fitted curve. Raises `ValueError` if the likelihood has no maximum.
+
+    - `method`, `data`: method of the fit, and outcomes of the records
+    - `limit_state`: the limit state in addition to overturning, for the message, or None
+    """
     if method == "capacities":
         fit = _fit_capacities(data.capacity, data.censor_limit)
     else:
         fit = _fit_counts(data.levels, data.overturned.sum(axis=0), data.trials)
     if not np.isfinite(fit.median):
-        raise ValueError(f"fragility: {_explain_failure(method, data)}")
+        note = "" if limit_state is None else f" (records with {limit_state} count as overturned)"
+        raise ValueError(f"fragility: {_explain_failure(method, data)}{note}")
     return fit
 
 
@@ -227,7 +240,7 @@ def _dataset(analysis: xarray.Dataset, fit: Lognormal, x: np.ndarray, method: st
 def _add_intervals(
     curve: xarray.Dataset, method: str, data: _Outcomes, fit: Lognormal, confidence: float
 ) -> None:
-    """Add intervals and band to the dataset of a curve, in place; warn of few records.
+    """Add intervals and band to the dataset of a curve, in place; warn of too few records.
 
     - `curve`, `fit`, `method`: dataset of the curve, the curve, and the method of the fit
     - `data`: outcomes of the records; `confidence`: in (0, 1)
@@ -260,7 +273,7 @@ def _add_intervals(
 def _intervals_of_capacities(
     data: _Outcomes, fit: Lognormal, x: np.ndarray, confidence: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return profile-likelihood bounds of median and dispersion, and of the probit of the curve.
+    """Return profile-likelihood bounds of median and dispersion, and of the probit Φ⁻¹(probability).
 
     - `data`, `fit`: outcomes of the records, and the fitted curve
     - `x`: intensities, shape (x,); `confidence`: in (0, 1)
@@ -277,7 +290,8 @@ def _intervals_of_capacities(
 def _intervals_of_stripes(
     data: _Outcomes, fit: Lognormal, x: np.ndarray, confidence: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return jackknife bounds from counts, in the shapes of `_intervals_of_capacities`."""
+    """Return jackknife bounds from counts, with arguments and results as for `_intervals_of_capacities`.
+    Raises `ValueError` if a fit that omits one record does not determine the dispersion."""
     reduced_counts = data.overturned.sum(axis=0) - data.overturned  # each row omits one record
     reduced_trials = np.broadcast_to(data.trials - 1, reduced_counts.shape)
     reduced_fits = fit_each_counts(data.levels, reduced_counts, reduced_trials)
@@ -317,7 +331,8 @@ fit_each_counts = StoredProgram(jax.vmap(fit_counts, (None, 0, 0)), name="counts
 def _slopes_of_fit(capacity, censor_limit):
     """Return the derivatives of ln(median) and dispersion with respect to each capacity, shape (2, n).
 
-    They are 0 for censored records.
+    The derivatives are 0 for censored records, whose `capacity` is inf. `censor_limit` has the lower bound of
+    their capacities, shape (n,).
     """
     has_capacity = jnp.isfinite(capacity)
 
@@ -330,7 +345,7 @@ def _slopes_of_fit(capacity, censor_limit):
 
 
 def _explain_failure(method: str, data: _Outcomes) -> str:
-    """Return why no curve can be fitted, and the cure."""
+    """Return the reason that no curve can be fitted, and the cure."""
     capacities, total = data.capacity[np.isfinite(data.capacity)], data.capacity.size
     if method == "capacities":
         if capacities.size < 2:

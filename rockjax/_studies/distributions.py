@@ -13,7 +13,8 @@ from rockjax._problem import models
 
 
 def distribution_of(entry: Any) -> Any:
-    """Return the `scipy.stats` distribution of an entry of `[ensemble.spread]`; numbers stay numbers."""
+    """Return the `scipy.stats` distribution of an entry of the table `[ensemble.spread]` of a problem file.
+    An entry that is a number stays a number."""
     from scipy import stats
 
     if isinstance(entry, models.Uniform):
@@ -41,7 +42,7 @@ def draw(owner: str, name: str, given: Any, n: int, seed: int, allowed: Range) -
     - `n`, `seed`: number of draws, and seed of the random numbers
     - `allowed`: range of valid values
 
-    Raises `ValueError` if `given` has another type or shape, or if a draw is outside `allowed`.
+    Raises `ValueError` if `given` has another type or shape, or if a draw is not finite or outside `allowed`.
     """
     argument = f"{owner}: spread[{name!r}]"
     is_frozen = hasattr(given, "rvs") and hasattr(given, "dist")

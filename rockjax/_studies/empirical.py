@@ -15,8 +15,8 @@ class Sample(NamedTuple):
     """Independent values of a scalar, some of which may be unknown.
 
     - `values`: values, shape (n,); ±inf is allowed
-    - `is_open`: True where a value is unknown, shape (n,). Estimates use the entry of `values` in its place;
-      confidence bounds hold for any unknown value
+    - `is_open`: True where a value is unknown, shape (n,). Estimates use the entry of `values` in place of an
+      unknown value; confidence bounds hold whatever the unknown values are
     """
 
     values: np.ndarray
@@ -29,12 +29,12 @@ class Sample(NamedTuple):
 
     @property
     def lowest(self) -> np.ndarray:
-        """Values in ascending order, with unknown ones at −∞."""
+        """Values in ascending order, with −∞ for unknown values."""
         return np.sort(np.where(self.is_open, -np.inf, self.values))
 
     @property
     def highest(self) -> np.ndarray:
-        """Values in ascending order, with unknown ones at +∞."""
+        """Values in ascending order, with +∞ for unknown values."""
         return np.sort(np.where(self.is_open, np.inf, self.values))
 
 
@@ -57,7 +57,7 @@ def band_half_width(n: int, confidence: float) -> float:
 
 
 def share_up_to(ordered: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Return the share of values ≤ `at`; `ordered`: values in ascending order."""
+    """Return the share of the values `ordered`, in ascending order, that are ≤ `at`."""
     return np.searchsorted(ordered, at, side="right") / ordered.size
 
 
@@ -82,7 +82,7 @@ def quantiles(sample: Sample, probability: np.ndarray, confidence: float) -> Est
     The estimate is the least value x with F(x) ≥ probability. The number of values below a quantile is
     binomial for every distribution, (E2) (David and Nagaraja, Order Statistics, 2003, section 7.1). The
     probability that the true quantile lies below the interval is at most (1 − confidence)/2, and so is the
-    probability that it lies above. With too few values a bound is ±∞.
+    probability that it lies above. With too few values the lower bound is −∞, or the upper bound +∞.
 
     - `sample`: the values
     - `probability`: in (0, 1), shape (q,)
@@ -103,7 +103,7 @@ def quantiles(sample: Sample, probability: np.ndarray, confidence: float) -> Est
 def probability_interval(least: int, most: int, n: int, confidence: float) -> tuple[float, float]:
     """Return the Clopper–Pearson interval of a probability.
 
-    - `least`, `most`: number of events if no unknown trial is an event, and if every unknown trial is one
+    - `least`, `most`: number of events if no trial with an unknown outcome is an event, and if all are
     - `n`: number of trials
     - `confidence`: confidence level, in (0, 1)
     """
@@ -119,8 +119,8 @@ class Comparison(NamedTuple):
     - `statistic`: D, the largest distance between the empirical distribution functions [–]
     - `at`: value at which the functions have the distance D
     - `p_value`: approximate probability that two samples from one distribution have a distance ≥ D [–]. If
-      there are unknown values, D is here the least distance that they allow. For discontinuous distributions
-      the `p_value` is too large
+      there are unknown values, the least distance that they allow replaces D. For discontinuous distributions
+      `p_value` is too large
     - `lower`, `upper`: confidence interval of the largest distance between the true distributions, from the
       bands of both samples, (E3) [–]. If `lower` > 0, the distributions differ at this confidence
     - `confidence`: confidence level of the interval [–]
@@ -140,7 +140,7 @@ def compare(first: Sample, second: Sample, confidence: float) -> Comparison:
     - `first`, `second`: the samples
     - `confidence`: confidence level of the interval, in (0, 1)
 
-    Values at +∞ count as equal. The error probability 1 − confidence is shared equally between the bands of
+    Values of +∞ count as equal. The error probability 1 − confidence is shared equally between the bands of
     the samples.
     """
     from scipy.stats import kstwo

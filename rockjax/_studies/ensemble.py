@@ -1,4 +1,7 @@
-"""Ensembles: scenes with random parameters and motions, and empirical distributions of their peaks."""
+"""Ensembles: scenes with random parameters and motions, and empirical distributions of their peaks.
+
+The equations (E1) to (E3) are in docs/ensembles.md.
+"""
 
 from __future__ import annotations
 
@@ -56,15 +59,17 @@ def ensemble(
 ) -> Ensemble:
     """Compute peak responses of random variants of a podium under random motions.
 
-    All scenes form one batch. They are independent, so the confidence bounds of [`rockjax.Ensemble`][] hold
-    for every n. The bounds do not include the uncertainty from choosing the motions.
+    All scenes form one batch. The confidence bounds of [`rockjax.Ensemble`][] hold for every n, because the
+    scenes are independent; arrays in `spread` must therefore be independent draws. The bounds do not include
+    the uncertainty from choosing the motions.
 
     - `podium`: podium with scalar parameters; the scenes are variants of it
     - `motions`: one motion; or several (`Motions`, `Records`, a list), of which each scene draws one with
       equal probability
     - `spread`: dict of parameter name → a frozen distribution of `scipy.stats`, a number, or an array of
-      drawn values, shape (n,). Names are those of [`rockjax.grid`][], and `initial.theta` [rad],
-      `initial.theta_dot` [rad/s], `initial.u_t` [m] and `initial.u_t_dot` [m/s] of the initial state
+      drawn values, shape (n,). Valid names are those of [`rockjax.grid`][], and `initial.theta` [rad] and
+      `initial.theta_dot` [rad/s] of the initial state; with an elastic superstructure also `initial.u_t` [m]
+      and `initial.u_t_dot` [m/s]
     - `n`: number of scenes, ≥ 1
     - `seed`: seed of the random numbers, ≥ 0. The draws of a parameter depend only on `seed`, `n` and the
       parameter's name
@@ -73,9 +78,9 @@ def ensemble(
     - `options`: options of the scenes; the output `"errors"` is needed to find undecided scenes
     - `progress`: `True` for a progress bar, or any object with a method `update(number_of_scenes)`
 
-    Ctrl-C raises [`rockjax.Interrupted`][], whose `partial` is an ensemble in which unsolved scenes count as
-    not finished. Raises `ValueError` for invalid inputs, unknown names, and draws out of range, before any
-    scene is solved.
+    Ctrl-C raises [`rockjax.Interrupted`][]. Its `partial` is an ensemble in which unsolved scenes count as
+    not finished, or None if there are no answers yet. Raises `ValueError` for invalid inputs, unknown names,
+    and draws out of range, before any scene is solved.
     """
     owner = "ensemble"
     check_types(owner, podium, options)
@@ -132,7 +137,7 @@ def ensemble(
 
 
 def _find_parameter(podium: Podium, name: str) -> Parameter:
-    """Return a parameter of the podium, of the motion or of the initial state."""
+    """Return the parameter with this name, of the podium, of the motion or of the initial state."""
     table = parameters_of(podium) | INITIAL
     return table[name] if name in table else motion_parameter(name.rpartition(".")[2])
 
@@ -151,9 +156,10 @@ class Ensemble:
 
     - a scene that overturned has the worst possible value: +∞ for a peak, −∞ for a `least_…` answer. The
       margin and other answers that are also defined for overturned scenes keep the computed value
-    - the value of a scene that did not finish (`unanswered`) or that is `undecided` counts as unknown.
-      Confidence bounds hold for any unknown value. Estimates use the worst value if the scene did not finish,
-      else the computed value
+    - the value of a scene that did not finish (`unanswered`) or that is `undecided` counts as unknown, and so
+      does NaN. Confidence bounds hold whatever the unknown values are. Estimates take an `undecided` scene
+      as computed, and the worst possible value in the other cases
+    - the time of an uplift or an overturning that does not occur is +∞
 
     Raises `ValueError` if `data` is not a dataset of [`rockjax.ensemble`][].
     """
@@ -223,7 +229,7 @@ class Ensemble:
 
         - `output`: name of an answer: a scalar, such as `"peak_rotation"` or `"peak_shear"`, or an answer
           with an axis of modes, stories or joints
-        - `component`: number of the mode, story or joint, from 1; by default the worst of each scene
+        - `component`: number of the mode, story or joint, from 1; by default the worst one of each scene
 
         Raises `ValueError` if the answer was not requested, or if there is no such component.
         """
@@ -266,15 +272,16 @@ class Ensemble:
     ) -> xarray.Dataset:
         """Return the empirical distribution function of an answer, with a confidence band.
 
-        The band of Dvoretzky, Kiefer, Wolfowitz and Massart holds at all values at once. It has the half
-        width √(ln(2/a)/(2n)) with a = 1 − confidence, (E1), which is 0.0136 for n = 10⁴ and 95 %. Scenes
-        with unknown values widen the band by their share.
+        The band of Dvoretzky, Kiefer, Wolfowitz and Massart holds at all values at once. Its half width is
+        √(ln(2/a)/(2n)) with a = 1 − confidence, (E1), for example 0.0136 for n = 10⁴ and 95 %. Scenes with
+        unknown values widen the band by their share.
 
         - `output`, `component`: the answer, as for `sample`
-        - `at`: values at which the function is evaluated, shape (x,); by default all finite values
+        - `at`: values at which the function is evaluated, shape (x,); by default all finite values of the
+          answer
         - `confidence`: confidence level of the band, in (0, 1)
 
-        Returns a Dataset over `at` with `probability`, `lower` and `upper`; the counts of scenes are
+        Returns a Dataset over `at` with `probability`, `lower` and `upper`; the `counts` of scenes are
         attributes. Raises `ValueError` for invalid inputs.
         """
         import xarray
@@ -314,8 +321,8 @@ class Ensemble:
         - `confidence`: confidence level of each interval, in (0, 1)
 
         Returns a Dataset over `probability` with `quantile`, `lower` and `upper`. A quantile of a peak is +∞
-        if its probability exceeds the share of surviving scenes. Bounds are ±∞ if n is too small. Raises
-        `ValueError` for invalid inputs.
+        if its probability exceeds the share of scenes that finished without overturning. If n is too small,
+        `lower` is −∞ or `upper` is +∞. Raises `ValueError` for invalid inputs.
         """
         import xarray
 
@@ -357,7 +364,7 @@ class Ensemble:
 
         - `other`: ensemble with another seed, because the samples must be independent
         - `output`, `component`: the answer, as for `sample`
-        - `confidence`: confidence level of the bounds of the distance, in (0, 1)
+        - `confidence`: confidence level of the bounds of the distance between both distributions, in (0, 1)
 
         Returns a [`rockjax.Comparison`][]. Raises `ValueError` if both ensembles have the same seed, and for
         other invalid inputs.
@@ -377,12 +384,13 @@ class Ensemble:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Numbers of scenes: all, overturned, undecided, and `unanswered` (scenes that did not finish)."""
+        """Numbers of scenes by name: `scenes` (all), `overturned`, `undecided`, and `unanswered` (scenes that
+        did not finish)."""
         names = "overturned", "undecided", "unanswered"
         return {"scenes": self.size} | {name: int(np.sum(getattr(self, name))) for name in names}
 
     def _attributes(self, output: str) -> dict[str, str]:
-        """Return unit and name of an answer."""
+        """Return the attributes `units` and `long_name` of an answer."""
         attrs = self.data[output].attrs
         return {name: attrs[name] for name in ("units", "long_name") if name in attrs}
 
@@ -443,7 +451,8 @@ def _variables(
     """Return the dataset variables of estimates and their bounds.
 
     - `dim`: name of the axis; `names`: names of estimate, lower and upper bound
-    - `estimates`: the estimates; `attrs`: unit and name of the estimated quantity
+    - `estimates`: the estimates
+    - `attrs`: attributes `units` and, if it has one, `long_name` of the estimated quantity
     """
     prefixes = "", "lower bound of the ", "upper bound of the "
     long_name = attrs.get("long_name") or names[0]

@@ -1,6 +1,6 @@
 """Floor response spectra: largest responses of oscillators on the deck and on floors.
 
-Equations with an L are in docs/floors.md and docs/equations.md.
+The equations (L…) are in docs/floors.md and docs/equations.md.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ from rockjax._structures import Podium
 if TYPE_CHECKING:
     import xarray
 
-# Variables of the dataset: name → (unit, meaning). SPECTRA and PER_OSCILLATOR have the dims level, damping
-# and period; PER_LEVEL has only level, and PER_SCENE none of the three.
+# Variables of the dataset: name → (unit, meaning). Those of SPECTRA and PER_OSCILLATOR have the dims level,
+# damping and period; those of PER_LEVEL have only level, and those of PER_SCENE none of the three.
 SPECTRA = {
     "pseudo_acceleration": ("m s-2", "pseudo-acceleration ω² max|x|"),
     "absolute_acceleration": ("m s-2", "largest absolute acceleration of the oscillator"),
@@ -97,15 +97,16 @@ def floor_spectrum(
 ) -> xarray.Dataset:
     """Compute floor response spectra under one ground motion or a suite, (L5) to (L10).
 
-    Oscillators start at rest relative to their floor and do not affect it. Impulses of impacts are included
-    exactly.
+    Oscillators start at rest relative to their floor and do not affect it. The velocity jumps of the floor at
+    impacts are included exactly.
 
     - `podium`: podium with scalar parameters
     - `excitation`: one motion; or `Motions`, `Records` or a list, which add a dim `motion`
     - `periods`: periods T_e of the oscillators, shape (n,), > 0 [s]
     - `damping`: damping ratios ζ of the oscillators, one or several, in [0, 1) [–]
     - `level`: `"deck"`, the number of a story from 1 at the bottom, or a list of several levels
-    - `weights`: weights of the modes that define a floor, (L2), shape (modes,) [–]; they replace `level`
+    - `weights`: weights of the modes that define a floor, (L2), shape (modes,) [–], in place of `level`; None
+      for the floors of `level`
     - `direction`: `"horizontal"` or `"vertical"`
     - `initial`, `options`: initial state and options of the scenes
     - `t_end`: end of the scenes [s]; by default as for [`rockjax.simulate`][], but at least 5 times the
@@ -116,13 +117,14 @@ def floor_spectrum(
       [`rockjax.peak_responses`][]
     - `progress`: `True` for a progress bar over the motions, or any object with a method `update(number)`
 
-    Returns a Dataset. With ω = 2π/T_e and the displacement x of an oscillator relative to its floor, it has
-    the following spectra, whose dims are (motion, level, damping, period):
+    Returns a Dataset. Its dim `motion` exists only for several motions. With ω = 2π/T_e and the displacement
+    x of an oscillator relative to its floor, it has the following spectra, with the dims (motion, level,
+    damping, period):
 
     - `pseudo_acceleration`: ω² max|x| [m/s²]
     - `absolute_acceleration`: largest absolute acceleration of the oscillator [m/s²]
     - `relative_displacement`: max|x| [m]; `peak_time`: time at which max|x| is first reached [s]
-    - `remaining_ratio`: upper bound of |x| after the end of the scene, divided by max|x|; inf without a
+    - `remaining_ratio`: upper bound of |x| after the end of the scene, divided by max|x|; inf if there is no
       bound. The spectrum is final where this ratio is at most 1
     - `pseudo_acceleration_sensitivity` …: sensitivities, with the further dim `parameter`
 
@@ -133,7 +135,8 @@ def floor_spectrum(
     - `overturned`, `overturn_time`: whether and when the podium overturned. The values of a scene that
       overturns cover only the time until overturning
 
-    Raises `ValueError` for invalid inputs, and `RuntimeError` for a scene that does not finish.
+    Raises `ValueError` for invalid inputs and, with `options.throw`, `RuntimeError` for a scene that does not
+    finish.
     """
     owner = "floor_spectrum"
     check_types(owner, podium, options)
@@ -196,9 +199,9 @@ def floor_spectrum(
 class _Request(NamedTuple):
     """The requested spectra, the same for every scene.
 
-    - `weights`: weights of the modes by level
-    - `stories`: level → number of the story, for all levels except the deck; empty without `names`
-    - `periods`, `damping`: axes of the spectra
+    - `weights`: level → weights of the modes, shape (modes,)
+    - `stories`: level → number of the story, for all levels except the deck; empty if `names` is empty
+    - `periods`, `damping`: axes of the spectra, 1-D arrays [s], [–]
     - `direction`: "horizontal" or "vertical"
     - `names`: names of the parameters for which sensitivities are computed
     """
@@ -212,11 +215,12 @@ class _Request(NamedTuple):
 
 
 class _Spectrum(NamedTuple):
-    """Variables of one scene: name → values.
+    """Variables of one scene, in three dicts name → values.
 
-    - `values`: arrays over levels, dampings, periods and, for sensitivities, parameters
-    - `per_level`: arrays over levels
-    - `per_scene`: scalars
+    - `values`: spectra and their sensitivities, with axes of levels, dampings, periods and, for
+      sensitivities, parameters
+    - `per_level`: variables of `PER_LEVEL`, with an axis of levels
+    - `per_scene`: variables of `PER_SCENE`, scalars
     """
 
     values: dict[str, np.ndarray]
@@ -237,7 +241,8 @@ def _axis(owner: str, name: str, values: Any) -> np.ndarray:
 def _spectrum(response: Response, start: State, t_end: float, request: _Request) -> _Spectrum:
     """Return the spectra of one scene.
 
-    - `response`: history of the scene; `start`, `t_end`: its initial state and its end [s]
+    - `response`: history of the scene
+    - `start`, `t_end`: initial state and latest end [s] of the scene
     - `request`: the requested spectra
     """
     deck = response.floor()
@@ -301,7 +306,12 @@ def _spectrum(response: Response, start: State, t_end: float, request: _Request)
 
 
 def _dataset(request: _Request, labels: list | None, spectra: list[_Spectrum]) -> xarray.Dataset:
-    """Return the spectra of all scenes as a dataset, with a dim `motion` if there are `labels`."""
+    """Return the spectra of all scenes as a dataset.
+
+    - `request`: the requested spectra
+    - `labels`: labels of the motions; None without a dim `motion`
+    - `spectra`: variables of each scene
+    """
     import xarray
 
     def joined(values: list) -> np.ndarray:
@@ -310,7 +320,8 @@ def _dataset(request: _Request, labels: list | None, spectra: list[_Spectrum]) -
     motion_dims = () if labels is None else ("motion",)
     dims = (*motion_dims, "level", "damping", "period")
     slopes = {
-        slope_name(name): (unit, f"y ∂/∂y of the {meaning}") for name, (unit, meaning) in SPECTRA.items()
+        slope_name(name): (unit, f"derivative of the {meaning} with respect to parameter y, times y")
+        for name, (unit, meaning) in SPECTRA.items()
     }
     data = {}
     for name, (unit, meaning) in (SPECTRA | PER_OSCILLATOR | slopes).items():
@@ -340,15 +351,15 @@ def _attributes(unit: str, meaning: str) -> dict[str, str]:
 
 
 def broadened(spectrum: xarray.Dataset, ratio: float = 0.15) -> xarray.Dataset:
-    """Return a floor spectrum with broadened peaks: at each period T, the largest value between T/(1+β) and
-    T/(1−β), (L11).
+    """Return a floor spectrum with broadened peaks: at each period T, the largest value of the spectrum at
+    the periods from T/(1+β) to T/(1−β), (L11).
 
     - `spectrum`: result of [`rockjax.floor_spectrum`][] with ascending periods, or of [`rockjax.envelope`][]
     - `ratio`: β, in [0, 1) [–]; 0.15 is usual for nuclear facilities
 
     The spectrum is interpolated linearly in log T between its periods, and not extrapolated. The result has
     only the variables `pseudo_acceleration`, `absolute_acceleration` and `relative_displacement`. Raises
-    `ValueError` for periods that do not ascend, and for a ratio out of range.
+    `ValueError` for another dataset, for periods that do not ascend, and for a ratio out of range.
     """
     owner = "broadened"
     ratio = require_number(owner, "ratio", ratio, lambda v: 0 <= v < 1, "in [0, 1)")
@@ -382,10 +393,10 @@ def envelope(
     """Return the envelope or a quantile of floor spectra over motions or levels, at each period.
 
     - `spectra`: result of [`rockjax.floor_spectrum`][]
-    - `over`: dim that is reduced, `"motion"` or `"level"`
+    - `over`: dim along which the envelope or the quantile is taken, `"motion"` or `"level"`
     - `quantile`: quantile in [0, 1], such as 0.84 [–]; None for the largest value
     - `overturned`: `"raise"` raises an error if scenes overturned, because their spectra are lower bounds;
-      `"drop"` leaves out such scenes (only over `"motion"`)
+      `"drop"` leaves out such scenes, and is possible only over `"motion"`
 
     The result has only the variables `pseudo_acceleration`, `absolute_acceleration` and
     `relative_displacement`. Raises `ValueError` if scenes overturned and are not dropped, if all scenes

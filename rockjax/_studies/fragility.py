@@ -58,13 +58,15 @@ def pga(records: Records | RecordPairs) -> Measure:
     return Measure("PGA", np.asarray(records.magnitudes()).max(axis=1), "m s-2")
 
 
-DEFAULT_MAX_RATIO = 6.0  # default highest level, as PGA/(g tan α)
+DEFAULT_MAX_RATIO = 6.0  # PGA/(g tan α) at the default highest level, for the median motion of a suite
 
 
 def measure_of(name: str, period: float | None, suite: Motions) -> Measure:
     """Return an intensity measure, evaluated for each motion of a suite.
 
-    - `name`: "PGA", "PGV", "Sa" with `period` [s], or "scale" for the factor on the motions
+    - `name`: "PGA", "PGV", "Sa", or "scale" for the factor on the motions
+    - `period`: period for "Sa" [s]; otherwise None
+    - `suite`: the motions
     """
     if name == "scale":
         return Measure(name, np.ones(len(suite)), unit_of_measure(name))
@@ -76,11 +78,11 @@ def measure_of(name: str, period: float | None, suite: Motions) -> Measure:
 def levels_of(
     podium: Podium, suite: Motions, measure: Measure, ends: tuple[float, float] | None, count: int
 ) -> np.ndarray:
-    """Return equally spaced intensity levels.
+    """Return equally spaced levels of intensity, shape (count,), in the unit of the measure.
 
     - `podium`, `suite`, `measure`: structure, ground motions and intensity measure
-    - `ends`: lowest and highest level. By default the highest level is 6 g tan α times the median ratio
-      of `measure` to PGA in the suite. The default of the lowest level is the highest divided by `count`
+    - `ends`: lowest and highest level. If None, the highest level is 6 g tan α times the median ratio of
+      `measure` to PGA in the suite, and the lowest level is the highest divided by `count`
     - `count`: number of levels
     """
     if ends is None:
@@ -111,7 +113,8 @@ def record_labels(owner: str, records: Records | RecordPairs, names: Sequence[st
 
 
 def checked_levels(owner: str, intensity) -> np.ndarray:
-    """Return the levels of intensity as an array; raise `ValueError` unless they are > 0 and ascend."""
+    """Return the levels of intensity as an array; raise `ValueError` unless they ascend and are finite and
+    > 0."""
     levels = np.asarray(as_float(intensity, f"{owner}: intensity"))
     if levels.ndim != 1 or levels.size == 0 or np.any(np.diff(levels) <= 0):
         raise ValueError(f"{owner}: intensity must be a 1-D array of ascending levels, got {intensity!r}")
@@ -122,7 +125,9 @@ def checked_levels(owner: str, intensity) -> np.ndarray:
 def _record_variables(boundaries, impacts, certain_width, measure: Measure) -> dict[str, Any]:
     """Return the variables of an incremental dynamic analysis that do not depend on the intensity.
 
-    - `boundaries`, `impacts`: tables (records, boundaries); `certain_width`: shape (records,)
+    - `boundaries`: intensities at which the outcome changes, shape (records, boundaries)
+    - `impacts`: impacts before overturning at each boundary, shape (records, boundaries)
+    - `certain_width`: largest width of a missed interval, shape (records,)
     - `measure`: intensity measure
     """
     name = measure.name
@@ -161,31 +166,39 @@ def incremental_dynamic_analysis(
     - `records`: `Motions`, `Records`, or a list of motions or records. Vertical components, of
       `Motions.paired` or of [`rockjax.GroundMotion`][], have the same factors as the horizontal ones. The
       measure refers to the horizontal components
-    - `intensity`: levels to which each record is scaled, shape (m,), > 0 and ascending, in the unit of
-      `measure`
-    - `measure`: `"PGA"` [m/s²], `"scale"` for factors on the records, or a [`rockjax.Measure`][]
+    - `intensity`: levels of intensity to which each record is scaled, shape (m,), > 0 and ascending, in the
+      unit of `measure`
+    - `measure`: intensity measure: `"PGA"` [m/s²], `"scale"` for factors on the records, or a
+      [`rockjax.Measure`][]
     - `names`: names of the records; by default the names of the motions, or integers from 1
     - `sensitivities`: parameters y of the podium for which d ln(capacity)/d ln y is computed
     - `width`: the search for the capacity finds every interval of overturning intensities that is wider than
       this share of the highest level, in (0, 0.1]
-    - `resolution`: number of equal intervals between 0 and the highest level, whose ends are evaluated. More
-      intervals show more boundaries above the capacity
+    - `resolution`: the search starts with the ends of this number of equal intervals between 0 and the
+      highest level. More intervals show more boundaries above the capacity
     - `options`: options of the scenes. With `overturn_ratio` < 1 the limit state is |θ|/α = `overturn_ratio`
       instead of overturning
     - `progress`: `True` for progress bars, or any object with a method `update(number_of_scenes)`
 
-    Returns a Dataset over `record` and `intensity` with the scalars of [`rockjax.Peak`][] as variables. The
-    following variables depend on `record` only:
+    Returns a Dataset. The answers of [`rockjax.Peak`][] of every scene, such as `overturned`, and those that
+    `options.outputs` requests have the dims `record` and `intensity`. The following variables do not depend
+    on `intensity`, and have the dim `record`:
 
-    - `capacity`: the least intensity that overturns; NaN if no intensity up to the highest level does
+    - `capacity`: the least intensity at which the record overturns the podium; NaN if there is none up to the
+      highest level
     - `boundaries` (additional dim `boundary`): intensities at which the outcome changes between survival and
-      overturning, ascending. They are exact to about 1e-9. Above the capacity their number grows with
-      `resolution` without limit, because rocking through many impacts creates ever narrower survival windows
+      overturning, ascending, padded with NaN; with the default options exact to about 1e-9. Above the
+      capacity their number grows with `resolution` without limit, because rocking through many impacts
+      creates ever narrower survival windows
+    - `boundary_impacts` (additional dim `boundary`): impacts before overturning; −1 where there is no
+      boundary
     - `certain_width`: largest width that a missed interval of overturning intensities below the capacity can
       have
+    - `measure`: intensity of the unscaled record
     - `sensitivity` (additional dim `parameter`): d ln(capacity)/d ln y
 
-    Raises `ValueError` for invalid inputs.
+    Raises `ValueError` for invalid inputs, and `RuntimeError` if for some record no scene of the search
+    finishes.
     """
     owner = "incremental_dynamic_analysis"
     check_types(owner, podium, options)
@@ -289,17 +302,18 @@ def overturning_distribution(
 ) -> Lognormal:
     """Return the differentiable median and dispersion of the least overturning scale factors of records.
 
-    The function works under `jit`, `vmap` and `grad` with respect to the parameters of `podium`. A record
-    that no scale up to `max_scale` overturns is censored: the fit uses only that its factor is above this
-    constant.
-    The result is NaN if fewer than two records overturn, or if the least factors of these records are equal.
-    Outside jit, [`rockjax.incremental_dynamic_analysis`][] finds the same capacities on all cores.
+    The function works under `jit`, `vmap` and `grad` with respect to the parameters of `podium`. If no factor
+    up to `max_scale` on a record overturns the podium, the record is censored: the fit uses only that its
+    least factor is above `max_scale`. The result is NaN if fewer than two records overturn the podium, or if
+    the least factors (with `measure`, the least intensities) of these records are equal. Outside jit,
+    [`rockjax.incremental_dynamic_analysis`][] finds the same least factors on all cores.
 
     - `podium`: podium with scalar parameters
     - `records`: `Motions`, `Records`, or a list of motions or records
     - `max_scale`: end of the search for each record, > 0 [–]
-    - `measure`: intensities of the unscaled records, shape (k,), in the unit of the median. By default all
-      are 1, and the median is a scale factor [–]
+    - `measure`: intensities of the unscaled records, shape (k,). The distribution is then that of the least
+      overturning intensities, in the unit of `measure`. By default all are 1, and the median is a scale
+      factor [–]
     - `options`, `width`, `resolution`: as for [`rockjax.overturning_boundary`][]
 
     Raises `ValueError` for invalid inputs.

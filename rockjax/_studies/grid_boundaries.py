@@ -51,7 +51,7 @@ def with_boundaries(
     with_boundary: dict[int, xarray.Dataset] = {}
     for members in group_by_structure(podiums).values():
         group = [spectra[k] for k in members]
-        # The axes are podium, frequency and amplitude.
+        # The axes are podium, frequency and acceleration.
         overturned = np.stack([data["overturned"].values.T for data in group])
         ratios = group[0]["acceleration_ratio"].values
         podium_index, column, row = np.nonzero(np.diff(overturned, axis=2))
@@ -87,11 +87,12 @@ def _outcome_function(
     options: Options,
     progress: Any,
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """Return a function: acceleration ratios ↦ whether the scenes overturn, both of shape (n,).
+    """Return a function that solves one scene in each of n grid intervals: acceleration ratios ↦ whether the
+    scenes overturn, both of shape (n,).
 
     - `podiums`, `spectra`: podiums whose pytrees have the same structure, and their spectra
     - `pulse`, `options`, `progress`: as for `with_boundaries`
-    - `podium_index`, `column`: indices of the podium and the frequency for each interval, shape (n,)
+    - `podium_index`, `column`: indices of the podium and of the frequency of each interval, shape (n,)
     """
     derived = [derived_numbers(podium) for podium in podiums]
     g_tan_alpha = np.array([constants["g_tan_alpha_m_s2"] for constants in derived])[podium_index]
@@ -108,7 +109,8 @@ def _outcome_function(
 
 
 def _add_boundaries(data: xarray.Dataset, column: np.ndarray, boundaries: np.ndarray) -> xarray.Dataset:
-    """Return a spectrum with its boundaries; `column` has the index of the frequency of each boundary."""
+    """Return a spectrum with its boundaries, ordered by frequency and then by acceleration. `column` has the
+    index of the frequency of each boundary."""
     zeros = np.zeros(column.size, int)
     table, _ = Crossings(column, boundaries, zeros > 0, zeros).table(data.sizes["frequency_ratio"])
     ratio_attrs = {

@@ -1,15 +1,15 @@
 """Confidence intervals of the median, dispersion and probability of a fitted fragility curve.
 
-For capacities, the intervals follow from the profile likelihood: the largest likelihood that each value of
-the quantity allows. Let μ and σ be the mean and the standard deviation of ln(capacity). As a function of θ =
-1/σ and δ = μ/σ the log-likelihood is concave (Olsen 1978), so its profiles have one maximum. A record is
-censored if its capacity is known only to exceed the highest level. Without censored records, the profile of
-the median is a function of Student's t statistic, and the profile of the dispersion is a function of the χ²
-statistic. Bounds at the quantiles of t and χ² are therefore exact. With censored records the same quantiles
-give approximate bounds.
+If the data are capacities (the least overturning intensities of records), the intervals follow from the
+profile likelihood: the largest likelihood that each value of the quantity allows. Let μ and σ be the mean and
+the standard deviation of ln(capacity). As a function of θ = 1/σ and δ = μ/σ the log-likelihood is concave
+(Olsen 1978), so its profiles have one maximum. A record is censored if its capacity is known only to exceed
+the highest level. Without censored records, the profile of the median is a function of Student's t statistic,
+and the profile of the dispersion is a function of the χ² statistic. Bounds at the quantiles of t and χ² are
+therefore exact. With censored records the same quantiles give approximate bounds.
 
-For counts, the jackknife over records is used, because counts at different levels come from the same records
-and are not independent.
+If the data are counts of overturned records at several levels, the jackknife over records is used, because
+counts at different levels come from the same records and are not independent.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from scipy.stats import chi2, t
 
 from rockjax._roots import bisect
 
-_HALVINGS = 48
-_MAX_DOUBLINGS = 60  # largest number of doublings of the first step
+_HALVINGS = 48  # number of bisections in the search for a zero
+_MAX_DOUBLINGS = 60  # largest number of doublings of the first step in the search for a bracket
 
 
 class Intervals(NamedTuple):
@@ -41,8 +41,8 @@ class Capacities(NamedTuple):
 
     - `observed`: number of known capacities
     - `mean`, `variance`: mean and variance of the logarithms of the known capacities
-    - `censored`: number of capacities above the limit
-    - `log_limit`: logarithm of the limit
+    - `censored`: number of censored capacities, which are only known to exceed the limit
+    - `log_limit`: logarithm of the limit, the highest level of intensity
     """
 
     observed: np.ndarray
@@ -134,13 +134,14 @@ def profile_intervals(capacities: Capacities, median, dispersion, at, confidence
 
     - `capacities`: statistics of the capacities
     - `median`, `dispersion`: the fitted values
-    - `at`: intensities of the curve, in the unit of the median; broadcast with `capacities`
+    - `at`: intensities at which the curve is evaluated, in the unit of the median; broadcast with
+      `capacities`
     - `confidence`: confidence level, in (0, 1)
     """
     n, (low, high) = capacities.total, ((1 - confidence) / 2, (1 + confidence) / 2)
     mu = np.log(median)
     maximum = capacities.log_likelihood(1 / dispersion, mu / dispersion)
-    # At the bounds, twice the log-likelihood is smaller than its maximum by this value.
+    # At the bounds, the profile of the log-likelihood is below its maximum by half this value.
     allowed_fall = n * np.log1p(t.ppf(high, n - 1) ** 2 / (n - 1))
 
     def bounds(excess: Callable, start) -> np.ndarray:
@@ -163,8 +164,8 @@ def profile_intervals(capacities: Capacities, median, dispersion, at, confidence
 def _dispersion_bound(capacities: Capacities, log_dispersion, maximum, ratio) -> np.ndarray:
     """Return the bound of ln(dispersion) that corresponds to a quantile of χ².
 
-    - `capacities`: statistics of the capacities
-    - `log_dispersion`: the fitted value
+    - `capacities`: statistics of n capacities
+    - `log_dispersion`: the fitted value of ln(dispersion)
     - `maximum`: the largest log-likelihood
     - `ratio`: (quantile of χ²)/n, which without censored records is variance/dispersion² at the bound
 
@@ -183,7 +184,7 @@ def jackknife_intervals(estimate: np.ndarray, reduced: np.ndarray, confidence: f
     """Return bias-corrected jackknife intervals (lower, upper) with Student's t, shape (2, …).
 
     - `estimate`: estimates from all records, shape (…)
-    - `reduced`: estimates that each omit one record, shape (n, …)
+    - `reduced`: estimates from all records except one, for each of the n records, shape (n, …)
     - `confidence`: confidence level, in (0, 1)
     """
     n = len(reduced)

@@ -52,12 +52,12 @@ def overturning_spectrum(
 
     - `podium`: podium with scalar parameters
     - `pulse`: a pulse class such as `rockjax.Ricker`, or any function (a_p, T_p) ↦ excitation
-    - `frequency_ratio`: ω_p/p, shape (n,), > 0
+    - `frequency_ratio`: ω_p/p with ω_p = 2π/T_p, shape (n,), > 0
     - `max_acceleration_ratio`: end of the search, a_p/(g tan α), > 0 [–]
     - `sensitivities`: parameters y with respect to whose logarithms the minimum is differentiated: `"T_p"`,
       and parameters of the podium, such as `"alpha"`, `"R"`, `"T_s"`. The other parameters are held constant
-    - `resolution`: number of equal intervals of the acceleration whose ends are evaluated first. Intervals in
-      which the overturning margin may cross zero are divided further
+    - `resolution`: the search starts with the ends of this number of equal intervals of the acceleration.
+      Intervals in which the overturning margin may cross zero are divided further
     - `width`: the search for the minimum finds every interval of overturning accelerations that is wider than
       this share of `max_acceleration_ratio`, in (0, 0.1]
     - `options`: options of the scenes
@@ -67,13 +67,14 @@ def overturning_spectrum(
 
     - `minimum`: the least overturning acceleration a_ov; NaN if there is none
     - `boundaries` (additional dim `boundary`): accelerations at which the outcome changes, ascending, padded
-      with NaN; exact to about 1e-10
+      with NaN; with the default options exact to about 1e-10
     - `impacts` (additional dim `boundary`): impacts before overturning; −1 where there is no boundary
     - `one_sided`: True where a small change of the parameters may make the minimum jump to a much lower
       acceleration
     - `certain_width`: largest width that an undetected interval of overturning accelerations below the
-      minimum can have [a_p/(g tan α)]
-    - `sensitivity` (additional dim `parameter`): d a_ov/d ln y
+      minimum can have
+    - `sensitivity` (additional dim `parameter`): d a_ov/d ln y, with the dimensional acceleration
+      differentiated and the result divided by g tan α
 
     Raises `ValueError` for invalid inputs, and `RuntimeError` if at some frequency no scene finishes.
     """
@@ -148,7 +149,8 @@ def _dataset(podium: Podium, pulse, x, search: Scan, derived, options: Options) 
     """Return the spectrum as a dataset.
 
     - `podium`, `pulse`, `options`: as for `overturning_spectrum`
-    - `x`: frequency ratios, shape (n,); `search`: boundaries at these ratios
+    - `x`: frequency ratios, shape (n,)
+    - `search`: result of the search for boundaries at these ratios
     - `derived`: the `derived_numbers` of the podium
     """
     import xarray

@@ -51,17 +51,18 @@ def record_spectrum(
     - `names`: names of the records; by default the names of the motions, or integers from 1
     - `width`: the search for the least overturning factor finds every interval of overturning factors that is
       wider than this share of `max_scale`, in (0, 0.1]
-    - `resolution`: number of equal intervals up to `max_scale` whose ends are evaluated first
+    - `resolution`: the search starts with the ends of this number of equal intervals between 0 and
+      `max_scale`
     - `options`: options of the scenes
     - `progress`: `True` for progress bars, or any object with a method `update(number_of_scenes)`
 
     Returns a Dataset over `record` and `p`:
 
     - `demand`: PGA of the record divided by the least PGA that overturns the structure, i.e. 1 divided by the
-      least overturning factor [–]; NaN if no factor up to `max_scale` overturns
-    - `peak_rotation`, `overturned`: max|θ|/α, and whether the structure overturns, under the unscaled records
+      least overturning factor on the record [–]; NaN if there is no such factor up to `max_scale`
+    - `peak_rotation`, `overturned`: max|θ|/α, and whether the structure overturns, under the unscaled record
     - `top_displacement`: max|u_b| = 2R [sin α − sin(α − max|θ|)], Eq. (13), the displacement of the column
-      tops relative to the ground under the unscaled records [m]; NaN where the structure overturns. Far from
+      tops relative to the ground under the unscaled record [m]; NaN where the structure overturns. Far from
       overturning, this displacement is almost independent of the size
 
     Raises `ValueError` for invalid inputs, and `RuntimeError` if for some record and size no scene finishes.
@@ -81,7 +82,8 @@ def record_spectrum(
     R = 0.75 * float(podium.g) / sizes**2  # Eq. (25)
 
     def plane(x, y):
-        """Return the scenes of cells x, pairs of record and size, with the records scaled by y."""
+        """Return the scenes of cells with the indices x, with the records scaled by y. A cell is a pair of
+        record and size; the size varies fastest."""
         record, size = np.divmod(np.asarray(x).astype(np.int32), sizes.size)
         return podium.replace(R=R[size]), records.pick_scaled(record, y)
 

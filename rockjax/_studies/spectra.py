@@ -48,24 +48,28 @@ def rocking_spectrum(
 
     - `podium`: podium with scalar parameters
     - `pulse`: a pulse class such as `rockjax.Ricker`, or any function (a_p, T_p) ↦ excitation
-    - `frequency_ratio`: ω_p/p, shape (n,), > 0; T_p = 2π/ω_p
+    - `frequency_ratio`: ω_p/p with ω_p = 2π/T_p, shape (n,), > 0
     - `acceleration_ratio`: a_p/(g tan α), shape (m,), ≥ 0
     - `options`: options of the scenes; `options.outputs` selects the variables
     - `progress`: `True` for a progress bar, or any object with a method `update(number_of_scenes)`
-    - `resume`: the `partial` of the [`rockjax.Interrupted`][] that Ctrl-C raised, an incomplete spectrum;
-      only its missing scenes are solved
+    - `resume`: an incomplete spectrum, the `partial` of the [`rockjax.Interrupted`][] that Ctrl-C raised;
+      only its missing scenes are solved. None to solve all scenes
     - `sensitivities`: parameters y for which y ∂/∂y of every requested peak is computed, as in
       [`rockjax.peak_responses`][]: `"alpha"`, `"gamma"`, …, `"a_p"`, `"T_p"`. The other parameters are held
       constant, so a_p and T_p do not change with the parameters of the podium
 
-    Returns a Dataset with dims `(acceleration_ratio, frequency_ratio)`. Its variables are the scalars of
-    [`rockjax.Peak`][] in `options.outputs` (`"errors"` gives `peak_rotation_error` … and `undecided`) and
-    their sensitivities `peak_rotation_sensitivity` … (additional dim `parameter`). The dimensional axes `T_p`
-    [s] and `a_p` [m/s²] are additional coordinates, and with axial forces also `dead_load`. The attributes
-    contain parameters, tolerances and versions.
+    Returns a Dataset with dims `(acceleration_ratio, frequency_ratio)`. Its variables are the answers of
+    [`rockjax.Peak`][] of every scene, such as `overturned`, those that `options.outputs` requests (`"errors"`
+    gives `peak_rotation_error` … and `undecided`), and their sensitivities `peak_rotation_sensitivity` …
+    (additional dim `parameter`). The
+    dimensional axes `T_p` [s] and `a_p` [m/s²] are additional coordinates; with the output `"axial_force"`
+    so is `dead_load`, the axial force of the mean column at rest N/(m_c g). The attributes contain
+    parameters, tolerances and versions.
 
-    Raises `ValueError` for axes that are not 1-D, finite and in range, for sensitivities to unknown
-    parameters, and for a spectrum to resume that belongs to another podium, pulse, axis, option or version.
+    Ctrl-C raises [`rockjax.Interrupted`][]; its `partial` is the incomplete spectrum, or None if no scene was
+    solved. Raises `ValueError` for axes that are empty, not 1-D, not finite or out of range, for
+    sensitivities to unknown parameters, and for a spectrum to resume that was computed with other
+    sensitivities or another podium, pulse, axis, option or version.
     """
     resumed = None if resume is None else [resume]
     try:
@@ -99,12 +103,13 @@ def rocking_spectra(
 
     Podiums of the same structure (the same classes of superstructure, restitution law and restrainers) share
     one batch, which is faster than separate spectra. Ctrl-C raises [`rockjax.Interrupted`][]; its `partial`
-    contains the incomplete spectra.
+    is a list with the incomplete spectrum of each podium, or None for a podium without solved scenes.
 
     - `podiums`: podiums with scalar parameters
     - `pulse`, `frequency_ratio`, `acceleration_ratio`, `options`, `progress`, `sensitivities`: as for
       [`rockjax.rocking_spectrum`][]
-    - `resume`: for each podium an incomplete spectrum, whose missing scenes are solved, or None
+    - `resume`: for each podium an incomplete spectrum, whose missing scenes are solved, or None to solve all
+      scenes; such a list is the `partial` of the exception. None to solve all scenes of all podiums
 
     Returns a spectrum for each podium, as from [`rockjax.rocking_spectrum`][]. Raises `ValueError` as that
     function does.
@@ -176,9 +181,10 @@ def rocking_spectra(
 
 
 def _solve_groups(solve: Callable[[list[int]], Any], groups: list[list[int]], stop: threading.Event) -> list:
-    """Return the results of `solve` for groups of podiums. Ctrl-C sets `stop` and omits the remaining groups.
+    """Return the results of `solve` for groups of podiums, given by their indices.
 
-    Each group has its own thread, so one group is compiled while another runs.
+    Each group has its own thread, so one group is compiled while another runs. Ctrl-C sets `stop`; groups
+    that were not submitted before are then missing at the end of the results.
     """
     futures = []
     try:
@@ -219,7 +225,8 @@ def boundary_axis(table: np.ndarray) -> tuple[str, np.ndarray, dict[str, str]]:
 
 
 def _axes(owner: str, frequency_ratio, acceleration_ratio) -> dict[str, np.ndarray]:
-    """Return both axes as arrays; raise `ValueError` unless they are 1-D, finite and in range."""
+    """Return both axes by name as arrays; raise `ValueError` unless they are 1-D, not empty, finite and in
+    range."""
     arguments = {"frequency_ratio": frequency_ratio, "acceleration_ratio": acceleration_ratio}
     axes = {name: np.asarray(as_float(values, f"{owner}: {name}")) for name, values in arguments.items()}
     for name, values in axes.items():
@@ -263,7 +270,8 @@ def _check_resumed(
 
 
 def _find_unsolved(resumed: xarray.Dataset | None, shape: tuple[int, ...]) -> np.ndarray:
-    """Return a mask of the missing scenes; all are missing if there is no spectrum to resume."""
+    """Return a mask of the scenes that a spectrum to resume lacks. Without such a spectrum, all scenes of a
+    grid of this shape are unsolved."""
     return np.ones(shape, bool) if resumed is None else np.asarray(resumed["result"] == results.INTERRUPTED)
 
 
@@ -314,7 +322,7 @@ def check_resumes(
 
 
 def check_resumed_parameters(owner: str, spectrum: xarray.Dataset, sensitivities: Sequence[str]) -> None:
-    """Raise `ValueError` unless a spectrum to resume has sensitivities to these parameters."""
+    """Raise `ValueError` unless a spectrum to resume has sensitivities to exactly these parameters."""
     if (list(spectrum["parameter"].values) if "parameter" in spectrum.coords else []) != list(sensitivities):
         raise ValueError(
             f"{owner}: the spectrum to resume has other sensitivities; repeat the interrupted call with the "
@@ -326,7 +334,7 @@ def _dataset(podium: Podium, pulse, axes, a_p, T_p, peaks: Peak, options: Option
     """Return the spectrum of one podium.
 
     - `podium`, `pulse`, `options`: as for `rocking_spectrum`
-    - `axes`: dimensionless axes by name; `a_p`, `T_p`: the same axes in m/s² and s
+    - `axes`: dimensionless axes by name; `a_p`, `T_p`: the same axes with dimensions [m/s²], [s]
     - `peaks`: peak responses, shape (accelerations, frequencies)
     """
     import xarray

@@ -19,9 +19,9 @@ from rockjax._structures import Podium
 class Variants(NamedTuple):
     """Random variants of a scene.
 
-    - `podium`, `initial`: structure and initial state to which drawn parameters are applied
+    - `podium`, `initial`: structure and initial state of which drawn values replace parameters
     - `motion`: a motion, or a batch of motions of shape (k,)
-    - `motion_index`: index of the motion of each scene, shape (n,); None for a single motion
+    - `motion_index`: index of the drawn motion of each scene, shape (n,); None for a single motion
     """
 
     podium: Podium
@@ -34,10 +34,10 @@ class Variants(NamedTuple):
     ) -> tuple[Podium, AbstractExcitation, State]:
         """Return the podiums, motions and initial states of all scenes, or of one.
 
-        - `draws`: values of parameters by name, shape (n,); for one scene, numbers
+        - `draws`: drawn values of parameters by name, shape (n,); for one scene, numbers
         - `scene`: index of the scene; by default all scenes
 
-        Raises `ValueError` if an initial rotation is not smaller than α.
+        Raises `ValueError` for values out of range, and if a drawn initial |θ| is not smaller than α.
         """
         motion = self.motion
         if self.motion_index is not None:

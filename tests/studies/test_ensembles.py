@@ -291,7 +291,7 @@ def test_an_interruption_leaves_the_answers_so_far():
         ({"spread": {"alhpa": 0.2}}, "got 'alhpa'; did you mean 'alpha'"),
         ({"spread": {"initial.thta": 0.0}}, "did you mean 'initial.theta'"),
         ({"spread": {"alpha": 0.2, "tan_alpha": 0.2}}, "describe the same quantity"),
-        ({"spread": {"restitution": 0.9}}, "it can vary only if it is a factor"),
+        ({"spread": {"restitution": 0.9}}, "restitution can vary only in a podium with a factor"),
         ({"spread": {"initial.u_t": 0.1}}, "got 'initial.u_t'"),
         ({"spread": {}}, "nothing is random"),
         (
