@@ -32,19 +32,24 @@ class AnnualFrequency(AbstractScaleTarget):
 
     - `at_most`: mean annual frequency λ_f, > 0 [1/year]
     - `hazard`: the [`rockjax.Hazard`][] of the site, for PGA, PGV or Sa at a period, in SI units
-    - `suite`: two or more records or motions, or `FreshSamples` of records; intensities are measured on the
-      horizontal component
-    - `max_intensity`: highest intensity searched, by default the last point of the hazard [unit of `hazard`];
-      of a motion that does not overturn the columns up to this intensity, the fit uses only this fact
-    - `width`: verification finds every overturning window wider than `width` times `max_intensity` [–]
-    - `name`: name in reports
+    - `suite`: two or more records or other motions, or `FreshSamples` of records; intensities are measured on
+      the horizontal component
+    - `max_intensity`: highest intensity searched [unit of `hazard`]; None for the last point of the hazard.
+      For a motion that does not overturn the columns up to this intensity, the fit uses only that its
+      overturning intensity is higher
+    - `width`: in (0, 0.1); verification misses an interval of overturning intensities below the computed
+      least one only if it is narrower than `width` times `max_intensity` [–]
+    - `name`: name in reports; None for a description
 
     λ_f comes from [`rockjax.annual_frequency`][] for the lognormal distribution fitted to the least
-    overturning intensity of each motion, as in [`rockjax.fragility`][]. The margin is ln(at_most/λ_f). If
-    fewer than two motions overturn the columns, λ_f is the frequency with which `max_intensity` is exceeded,
-    a constant. Raises `ValueError` for a hazard that is not in SI units or has another measure.
-    Raises `ValueError` also for a `max_intensity` that is exceeded `at_most` times a year or more often,
-    because λ_f might then never be small enough.
+    overturning intensity of each motion, as in [`rockjax.fragility`][]. The margin is ln(at_most/λ_f). If no
+    distribution can be fitted, for example because fewer than two motions overturn the columns, λ_f is the
+    frequency with which `max_intensity` is exceeded, with zero derivatives.
+
+    Raises `ValueError` for arguments out of range, for a hazard that is not in SI units or has another
+    measure, and for a suite of one motion or with a motion of intensity 0. Raises `ValueError` also for a
+    `max_intensity` that is exceeded `at_most` times a year or more often, because λ_f would then be at least
+    `at_most` even if no motion overturned the columns.
     """
 
     at_most: Any
@@ -89,7 +94,7 @@ class AnnualFrequency(AbstractScaleTarget):
         try:
             intensities = [measure_by_label(motion, hazard.measure) for motion in motions]
         except ValueError as error:
-            raise ValueError(f"{owner}: invalid hazard: its {error}") from None
+            raise ValueError(f"{owner}: hazard: {error}") from None
         if min(intensities) == 0:
             raise ValueError(
                 f"{owner}: motion {int(np.argmin(intensities)) + 1} of the suite has {hazard.measure} = 0; "
@@ -106,14 +111,16 @@ class AnnualFrequency(AbstractScaleTarget):
     def distribution(self, podium: rj.Podium, options: rj.Options = rj.Options()) -> rj.Lognormal:
         """Fit a lognormal distribution to the least overturning intensities, in the unit of the hazard.
 
-        The parameters are NaN if fewer than two motions overturn the columns.
+        Its parameters are NaN if no distribution can be fitted, for example because fewer than two motions
+        overturn the columns.
         """
         return self._fit(self.least_scales(podium, options))
 
     def frequency(self, podium: rj.Podium, options: rj.Options = rj.Options()) -> Float[Array, ""]:
         """Return the mean annual frequency λ_f [1/year].
 
-        If fewer than two motions overturn the columns, this is the frequency of exceeding `max_intensity`.
+        If no distribution can be fitted to the overturning intensities, λ_f is the frequency with which
+        `max_intensity` is exceeded.
         """
         return self._frequency(self.least_scales(podium, options))
 

@@ -1,4 +1,4 @@
-"""The result of a design: outcomes of the searches from all starting points ("starts"), and the best one."""
+"""The result of a design: the outcome of the search from each starting point (start), and the best design."""
 
 from __future__ import annotations
 
@@ -25,8 +25,10 @@ class Outcome(NamedTuple):
     """Outcome of one start.
 
     - `variables`: name → value in the unit of the parameter; `objective`: verified value of the objective
-    - `margin`: worst verified margin [–]; `satisfied`: whether all margins are ≥ 0
-    - `result`: a member of `optimise.RESULTS`; `iterations`: number of iterations
+    - `margin`: least verified margin [–], inf without targets; `satisfied`: whether objective and margins are
+      finite and all margins are ≥ 0
+    - `result`: a member of `optimise.RESULTS`; `iterations`: number of iterations; if the verification
+      corrected the design, only those of the last correction
     """
 
     variables: dict[str, float]
@@ -42,7 +44,8 @@ class Effort(NamedTuple):
 
     - `evaluations`: number of design points at which values and derivatives were computed
     - `scenes`: number of simulated scenes; the search for one overturning amplitude counts as one scene
-    - `iterations`: total number of iterations; `seconds`: wall time, including compilation [s]
+    - `iterations`: sum of the iterations of all starts, counted as in `Outcome`; `seconds`: wall time,
+      including compilation [s]
     """
 
     evaluations: int
@@ -54,24 +57,27 @@ class Effort(NamedTuple):
 class Design(Module):
     """The best design of a search, and a record of the search.
 
-    - `podium`: the designed podium; `structure`: the designed structure, of the same type as the argument
-      (`Podium` or `Dimensions`)
+    - `podium`: the designed podium; `structure`: the same as a `Podium` or as `Dimensions`, whichever was
+      passed to `optimise.design`
     - `variables`: name → value, in `units`; `objective`: value of the objective at the design, the largest
       entry if it is a vector
-    - `satisfied`: whether all margins are ≥ 0 in the verification: a simulation with rtol ≤ 1e-11 and
-      atol ≤ 1e-13, or an independent sample
+    - `satisfied`: whether objective and margins are finite and all margins are ≥ 0 in the verification: a
+      simulation with rtol ≤ 1e-11 and atol ≤ 1e-13 or, for probabilities and fresh samples, an independent
+      sample
     - `margins`: target → verified margins [–]; NaN for a probability whose independent sample has not
       converged
-    - `multipliers`: target → shadow prices: the decrease of the objective per relative relaxation of the
-      limit [unit of the objective]; 0 for targets that do not bind, NaN if a target is violated
+    - `multipliers`: target → shadow prices: decrease of the objective divided by the relative relaxation of
+      the limit that causes it [unit of the objective]; 0 for targets that do not bind. NaN for all targets if
+      one is violated or unverified, or if an interrupted search has not determined the prices
     - `result`: a member of `optimise.RESULTS`; `stats`: an `Effort`
-    - `history`: an `Iterate` for every iteration of every start
-    - `starts`: an `Outcome` of every start; `best`: index of the start that gave this design
+    - `history`: an `Iterate` for every iteration of every start, without corrections in the verification
+    - `starts`: an `Outcome` for every start; `best`: index of the start that gave this design, from 0
     - `bounds`: name → (lowest, highest); `units`: name → unit; `minimised`: name of the objective
-    - `probabilities`: target on a probability of failure → estimate from an independent sample
+    - `probabilities`: target on a probability of failure → estimate of this probability from an independent
+      sample
     - `standard_errors`: target with fresh samples → standard errors of its margins in an independent sample
-    - `overturned`: target or objective → number of its scenes in which the columns overturn, if any; the
-      peaks of these scenes cover only the time until overturning
+    - `overturned`: target or objective on peaks → number of its scenes in which the columns overturn, without
+      entries of 0; the peaks of these scenes cover only the time until overturning
     """
 
     podium: rj.Podium
@@ -95,7 +101,8 @@ class Design(Module):
 
     @property
     def failing(self) -> dict[str, float]:
-        """Violated and unverified targets, worst first: name → worst margin, negative or NaN [–]."""
+        """Violated and unverified targets: name → least margin, negative or NaN [–]. The worst target comes
+        first unless a margin is NaN."""
         worst = {name: float(np.min(values)) for name, values in self.margins.items()}
         return {
             name: value for name, value in sorted(worst.items(), key=lambda item: item[1]) if not value >= 0
@@ -109,7 +116,8 @@ class Design(Module):
 
 
 def _tabulate(design: Design) -> tuple[str, list[list[str]], list[list[str]]]:
-    """Return the headline, and the tables of variables and of targets, which start with a heading row."""
+    """Return the headline, the table of variables and the table of targets. Each table starts with a row of
+    headings."""
     state = "satisfied" if design.satisfied else "not satisfied"
     remark = f" ({UNTIL_OVERTURNING})" if design.minimised in design.overturned else ""
     result = NAMES[int(design.result._value)]
@@ -152,7 +160,7 @@ def _remarks(design: Design) -> list[str]:
     """Return sentences about a design: its result, failing targets, starts, samples and cost."""
     remarks = [RESULTS[design.result]]
     remarks += [
-        f"not verified: {name}" if np.isnan(value) else f"not satisfied: {name}, short by {-value:.3g}"
+        f"not verified: {name}" if np.isnan(value) else f"not satisfied: {name}, worst margin {value:.3g}"
         for name, value in design.failing.items()
     ]
     satisfied_count = sum(outcome.satisfied for outcome in design.starts)
@@ -162,7 +170,8 @@ def _remarks(design: Design) -> list[str]:
             f"best: start {design.best}"
         )
     remarks += [
-        f"{name}: the columns overturn in {count} of its scenes, whose peaks are {UNTIL_OVERTURNING}"
+        f"{name}: the columns overturn in {count} of its scenes; the peaks of these scenes cover only the "
+        f"time {UNTIL_OVERTURNING}"
         for name, count in design.overturned.items()
     ]
     for name, errors in design.standard_errors.items():
@@ -191,9 +200,10 @@ def _html(design: Design) -> str:
 
 
 class SampleEstimates(NamedTuple):
-    """Estimates from independent samples at a design, by index of the target.
+    """Estimates from independent samples at a design.
 
-    - `probabilities`: probabilities of failure; `errors`: standard errors of margins (k,) [–]
+    - `probabilities`: index of the target → probability of failure
+    - `errors`: index of the target → standard errors of its margins (k,) [–]
     """
 
     probabilities: Mapping[int, rj.FailureProbability]
@@ -203,9 +213,9 @@ class SampleEstimates(NamedTuple):
 class SearchResult(NamedTuple):
     """Result of a search.
 
-    - `ends`: end of every start; `evaluations`: verified evaluations at the ends
-    - `margin_counts`: target → number of its margins; `scale`: number by which the search divides the
-      objective
+    - `ends`: where the search from each start ended; `evaluations`: verified evaluations at these points
+    - `margin_counts`: target → number of its margins
+    - `scale`: number by which the search divides the objective
     - `history`: iterates of all starts; `effort`: cost of the search
     """
 
@@ -224,10 +234,10 @@ def build_design(
     search: SearchResult,
     estimate_samples: Callable[[np.ndarray], SampleEstimates],
 ) -> Design:
-    """Return the design at the end of the best start, with the outcomes of all starts.
+    """Return the best of the designs at which the searches from the starts ended, with all outcomes.
 
     - `original`: the structure as the user passed it; `variables`: the design variables
-    - `objective`: the minimised objective, None for the design nearest to the start
+    - `objective`: the minimised objective, None for the design nearest to the user's structure
     - `search`: result of the search
     - `estimate_samples`: function that returns the estimates from independent samples at scaled variables
       (n,)
@@ -281,7 +291,8 @@ def build_design(
 
 
 def _outcome(variables: Variables, end: End, evaluation: Evaluation) -> Outcome:
-    """Return the outcome of a start. The verified evaluation takes precedence over `end.result`."""
+    """Return the outcome of a start. If the verified evaluation contradicts `end.result`, the evaluation
+    decides."""
     is_finite = bool(np.isfinite(evaluation.c).all() and np.isfinite(evaluation.f).all())
     satisfied = is_finite and evaluation.violation == 0
     code = end.result if is_finite else NOT_FINITE
@@ -297,7 +308,8 @@ def _outcome(variables: Variables, end: End, evaluation: Evaluation) -> Outcome:
 
 
 def _rank_outcome(outcome: Outcome, has_targets: bool) -> tuple[int, float]:
-    """Return a sort key: satisfied outcomes by objective, violated ones by margin, then non-finite ones."""
+    """Return the sort key of an outcome: satisfied outcomes come first, by objective, then violated ones, by
+    margin, then non-finite ones."""
     if not np.isfinite([outcome.objective, outcome.margin if has_targets else 0.0]).all():
         return (2, 0.0)
     return (0, outcome.objective) if outcome.satisfied else (1, -outcome.margin)

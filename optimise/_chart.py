@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def _check_axes(owner: str, T_p, a_p) -> tuple[np.ndarray, np.ndarray]:
-    """Return periods and amplitudes as arrays; raise `ValueError` if they are invalid."""
+    """Return periods and amplitudes as 1-D arrays; raise `ValueError` if they are invalid."""
     periods = np.asarray(as_float(T_p, f"{owner}: T_p"))
     if periods.ndim != 1 or periods.size == 0 or np.any(np.diff(periods) <= 0):
         raise ValueError(f"{owner}: T_p must be a 1-D array of ascending periods, got {T_p!r}")
@@ -45,22 +45,24 @@ def design_chart(
     options: rj.Options = BOUNDARY,
     progress: Any = False,
 ) -> xarray.Dataset:
-    """Return the smallest safe value of a design variable, such as α, against the pulse period.
+    """Return the smallest safe value of a design variable, such as α, for each pulse period.
 
-    The function cannot be called inside `jax.jit`.
+    A value is safe if the columns survive. The function cannot be called inside `jax.jit`.
 
     - `podium`: a `rockjax.Podium` or an `optimise.Dimensions`; all other parameters keep their values
     - `vary`: (name, (lowest, highest)) in the unit of the parameter, as in [`optimise.design`][]
-    - `pulse`: a pulse class such as `rockjax.Ricker`; `a_p`: its amplitude or amplitudes, > 0 [m/s²]; `T_p`:
-      periods, shape (n,), > 0, ascending [s]
-    - `resolution`: number of values of the variable in the first scan of each period, ≥ 4
+    - `pulse`: a pulse class such as `rockjax.Ricker`
+    - `a_p`: one or several amplitudes of the pulse, > 0 [m/s²]
+    - `T_p`: periods of the pulse, shape (n,), > 0, ascending [s]
+    - `resolution`: number of equal intervals between the bounds, ≥ 4; their ends are simulated first
     - `options`: options of the simulations
     - `progress`: `True` for a progress bar, or any object with a method `update(n)`
 
     Returns a Dataset with the dimensions `a_p` and `T_p`. `smallest_safe_value` is the smallest value above
-    which all values up to the upper bound survive (NaN where the upper bound overturns). `boundaries` holds
-    every change between survival and overturning that the scan finds, along a further dimension `boundary`,
-    ascending and padded with NaN. Raises `ValueError` for invalid inputs.
+    which the columns survive for all values up to the upper bound (NaN if they overturn at the upper bound).
+    `boundaries` holds the values of the variable at which survival changes to overturning or back, as far as
+    the scan finds them. They ascend along a further dimension `boundary`, padded with NaN. Raises
+    `ValueError` for invalid inputs.
     """
     import xarray
 
@@ -122,8 +124,12 @@ def design_chart(
 
 
 def _smallest_safe_value(boundaries: np.ndarray, lower_end_survives: np.ndarray, low: float) -> np.ndarray:
-    """Return the smallest safe value at each period: the last boundary, `low` if there is no boundary, or
-    NaN if the upper bound overturns."""
+    """Return the smallest safe value at each period: the last boundary, `low` if there is no boundary, or NaN
+    if the columns overturn at the upper bound.
+
+    - `boundaries`: boundaries at each period (periods, boundaries), ascending, padded with NaN
+    - `lower_end_survives`: whether the columns survive at the lower bound `low` (periods,)
+    """
     counts = np.sum(np.isfinite(boundaries), axis=1)
     # An odd number of boundaries means that survival differs between the two ends of the range.
     upper_end_survives = lower_end_survives ^ (counts % 2 == 1)
@@ -137,7 +143,8 @@ def plot_chart(chart: xarray.Dataset, ax: Axes | None = None) -> Axes:
     - `chart`: a Dataset of [`optimise.design_chart`][]; `ax`: axes to draw in, by default those of a new
       figure
 
-    Dots mark the other boundaries. Returns the axes.
+    Dots mark the other changes between survival and overturning. Returns the axes. Raises `ValueError` for
+    other objects than such a Dataset.
     """
     if "smallest_safe_value" not in getattr(chart, "data_vars", ()):
         raise ValueError(f"plot_chart: chart must come from optimise.design_chart, got {format_value(chart)}")

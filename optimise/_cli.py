@@ -25,13 +25,14 @@ def design_command(
 ) -> tuple[Design, list[Path], rj.Interrupted | None]:
     """Solve a design problem; write the design and its pictures.
 
-    - `problem`: the design problem; `output`: prefix of the files OUTPUT.json, OUTPUT-convergence.png and, if
-      the problem has motions, OUTPUT-response.png
+    - `problem`: the design problem
+    - `output`: first part of the names of the files: `output`.json, `output`-convergence.png and, if the
+      problem has motions, `output`-response.png
     - `quiet`: whether to hide the progress bar; `suffix`: file extension of the pictures
 
-    Returns the design, the paths of the written files, and the `rockjax.Interrupted` error of an interrupted
-    search, otherwise None. The design of an interrupted search is the best design so far. Raises
-    `rockjax.Interrupted` if there is no design yet.
+    Returns the design, the paths of the written files, and None or, if the search was interrupted, the
+    `rockjax.Interrupted` error. The design of an interrupted search is the best design until then. Raises
+    `rockjax.Interrupted` if a search is interrupted before there is a design.
     """
     import rockjax as rj
     from rockjax._files import as_json, write_atomically, write_figure
@@ -58,9 +59,10 @@ def design_command(
 
 
 def _decisive_motion(problem: Problem, design: Design, motions: list) -> Any:
-    """Return the motion with the smallest margin among all targets on responses.
+    """Return the motion that gives the smallest margin of all targets on peak responses.
 
-    If there is no such target, return the motion that comes closest to overturning the design.
+    If there is no such target, return the one of `motions` under which the design has the smallest
+    overturning margin.
     """
     from ._suite import Suite
     from ._targets import AbstractResponseTarget
@@ -77,8 +79,11 @@ def _decisive_motion(problem: Problem, design: Design, motions: list) -> Any:
 
 
 def joint_peaks(problem: Problem, design: Design) -> Any:
-    """Return the peaks in the joints under all motions of a problem, for warnings; None if the podium has no
-    elevation or there are no motions."""
+    """Return the peak forces in the joints under all motions of a problem, from which warnings are derived.
+
+    Return None if the podium has no elevation (positions of columns and heights of masses) or the problem has
+    no motions.
+    """
     from types import SimpleNamespace
 
     from rockjax._cli._joints import OUTPUTS, VARIABLES

@@ -1,7 +1,8 @@
-"""Data types of a search: evaluations, settings, iterates and ends of descents.
+"""Data types of a search for a design: evaluations, settings, iterates and ends of descents.
 
 A descent is the search from one starting point (start). It is a coroutine that yields points and receives
-their evaluations, so that many descents are evaluated as one batch. A target holds where its margins are ≥ 0.
+their evaluations, so that the points of many descents can be evaluated in one batch. A target holds where its
+margins are ≥ 0.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from ._results import CONVERGED, INFEASIBLE, STALLED
 class Evaluation(NamedTuple):
     """Evaluation of a design point, in scaled variables (0 and 1 are the bounds).
 
-    - `f`: values (k,), of which the largest is the objective; `f_slope`: their Jacobian (k, n)
+    - `f`: values (k,), the largest of which is minimised; `f_slope`: their Jacobian (k, n)
     - `c`: margins (m,) of all targets [–]; `c_slope`: their Jacobian (m, n)
     - `overturned`: number of overturned scenes of each target and, as the last entry, of the objective; empty
       if not counted
@@ -40,7 +41,7 @@ class Evaluation(NamedTuple):
         return float(max(0.0, np.max(-self.c, initial=0.0)))
 
     def merit(self, weight: float, penalty: float) -> float:
-        """Return weight · (largest objective value) + penalty · violation."""
+        """Return the merit, weight · max(f) + penalty · violation, which a descent decreases."""
         return weight * float(np.max(self.f)) + penalty * self.violation
 
 
@@ -48,9 +49,9 @@ class Settings(NamedTuple):
     """Settings of a descent.
 
     - `scale`: number by which the descent divides the objective; `shift`: least margin aimed at [–]
-    - `radius`: first radius of the trust region, in scaled variables
-    - `tolerance`: largest residual of the optimality conditions at convergence; `max_iterations`: largest
-      number of iterations
+    - `radius`: initial radius of the trust region, in scaled variables
+    - `tolerance`: largest residual of the optimality conditions at convergence
+    - `max_iterations`: number of iterations after which the descent stops
     """
 
     scale: float
@@ -61,7 +62,7 @@ class Settings(NamedTuple):
 
     @property
     def accepted_violation(self) -> float:
-        """Largest accepted shortfall of a margin from `shift` [–]; such a margin is still positive."""
+        """Largest accepted shortfall of a margin from `shift` [–]; the margin is then still positive."""
         return 0.5 * self.shift
 
 
@@ -70,11 +71,11 @@ class Iterate(NamedTuple):
 
     - `start`: index of the start; `iteration`: index of the iteration
     - `x`: scaled variables (n,) before the step; `objective`: largest objective value at `x`; `margin`:
-      worst margin at `x` [–]
+      least margin at `x` [–], inf without targets
     - `residual`: residual of the optimality conditions (NaN for gradient steps)
     - `radius`: radius of the trust region (for gradient steps, the factor on the step)
     - `penalty`: penalty ν of the violation (for gradient steps, ρ of the augmented Lagrangian)
-    - `step`: largest absolute entry of the step; `accepted`: whether the step was accepted
+    - `step`: largest absolute entry of the step, in scaled variables; `accepted`: whether the step was taken
     """
 
     start: int
@@ -92,9 +93,10 @@ class Iterate(NamedTuple):
 class End(NamedTuple):
     """End of a descent.
 
-    - `x`: scaled variables (n,); `multipliers`: multipliers (m,) of the margins, in units of the scaled
-      objective
-    - `result`: code of `RESULTS`; `iterations`: number of iterations; `evaluation`: evaluation at `x`
+    - `x`: scaled variables (n,); `multipliers`: multipliers (m,) of the margins, for the objective divided by
+      `Settings.scale`
+    - `result`: code of `RESULTS`; `iterations`: number of iterations
+    - `evaluation`: evaluation at `x`; a descent scales it with `scale_evaluation`
     """
 
     x: Vector
@@ -108,7 +110,7 @@ Descent = Generator[Vector, Evaluation, End]
 
 
 def scale_evaluation(evaluation: Evaluation, settings: Settings) -> Evaluation:
-    """Return an evaluation in the units of a descent: values / scale, and margins − shift."""
+    """Return an evaluation as a descent uses it: values divided by `scale`, and margins minus `shift`."""
     return Evaluation(
         evaluation.f / settings.scale,
         evaluation.c - settings.shift,
@@ -118,14 +120,15 @@ def scale_evaluation(evaluation: Evaluation, settings: Settings) -> Evaluation:
 
 
 def rank(evaluation: Evaluation) -> tuple[float, float]:
-    """Return the sort key of an evaluation: its violation, then its largest objective value."""
+    """Return the sort key of an evaluation: first its violation, then its largest objective value."""
     return (evaluation.violation, float(np.max(evaluation.f)))
 
 
 def objective_scale(evaluations: list[Evaluation]) -> float:
-    """Return the typical change of the objective between the bounds, from its slopes at the starts.
+    """Return a typical change of the objective between the bounds of a variable.
 
-    If all slopes are zero, return the largest absolute objective value, or 1 if this is zero as well.
+    This is the median, over the evaluations at the starts, of the largest absolute slope. If all slopes are
+    zero, return the largest absolute objective value, or 1 if all objective values are zero as well.
     """
     slopes = [float(np.max(np.abs(e.f_slope))) for e in evaluations]
     slopes = [slope for slope in slopes if slope > 0]
@@ -135,7 +138,12 @@ def objective_scale(evaluations: list[Evaluation]) -> float:
 
 
 def final_result(current: Evaluation, residual: float, settings: Settings) -> int:
-    """Return the result code of a descent that no step improves further."""
+    """Return the result code of a descent that ends because no step decreases the merit further.
+
+    - `current`: scaled evaluation at the last point; `residual`: residual of the optimality conditions there
+    - `settings`: settings of the descent
+    """
+    # Scaled margins are reduced by `shift`, so a larger violation means that a true margin is negative.
     if current.violation > settings.shift:
         return INFEASIBLE
     return CONVERGED if residual <= 100 * settings.tolerance else STALLED

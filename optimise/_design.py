@@ -1,7 +1,7 @@
-"""`design`: size a structure that satisfies its targets and minimises an objective.
+"""`design`: size a structure so that it satisfies targets and minimises an objective.
 
-A search has one or more starting points (starts), and an end for each. Scaled variables are 0 and 1 at their
-bounds. A target holds where its margins are ≥ 0.
+A search has one or more starting points (starts). The point at which the search from a start stops is called
+its end. Scaled variables are 0 and 1 at their bounds. A target holds where its margins are ≥ 0.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     import optax
 
 MAX_REFINEMENTS = 3  # largest number of rounds that correct small violations found in the verification
-SAMPLED_TOLERANCE = 1e-4  # smallest tolerance with sampled probabilities, whose scatter is larger
-MAX_CORRECTIONS = 3  # largest number of rounds that continue a search if independent samples contradict it
+SAMPLED_TOLERANCE = 1e-4  # smallest tolerance with sampled probabilities; their scatter is larger
+MAX_CORRECTIONS = 3  # largest number of rounds that continue a search that independent samples contradict
 MAX_CHECKED_ENDS = 4  # largest number of ends at which independent samples are taken in one round
 MAX_SAMPLE_VIOLATION = 0.2  # largest violation in an independent sample that is corrected [–]
 
@@ -59,28 +59,34 @@ def design(
 
     - `podium`: the first starting point, a `rockjax.Podium`, or an `optimise.Dimensions` to vary masses too.
       All parameters that are not varied keep their values
-    - `vary`: name → (lowest, highest) in the unit of the parameter. Names are parameters of the structure.
-      Those of a `Podium` are `alpha`, `tan_alpha`, `R`, `gamma`, `lam`, `g`, `restitution`, `eta`, `T_s`,
-      `zeta`, `width` and `height` (varying one of these two keeps the other), and others. A positive range
-      wider than a factor of 10 is scaled logarithmically
+    - `vary`: name → (lowest, highest) in the unit of the parameter. The names are those of parameters of the
+      structure. A `Podium` has `alpha`, `tan_alpha`, `R`, `gamma`, `lam`, `g`, `restitution`, `eta`, `T_s`,
+      `zeta`, `width`, `height` (if only one of these two varies, the other keeps its value), and others. A
+      positive range is scaled logarithmically if highest/lowest > 10
     - `minimise`: an objective, or a function of the podium that returns a number or a vector, whose largest
-      entry is minimised. None finds the design nearest to `podium` that satisfies the targets
-    - `targets`: targets to satisfy; targets on the same motions share their simulations
-    - `method`: `"sqp"`, sequential quadratic programming; or an `optax.GradientTransformation`, with `"adam"`
+      entry is minimised. None finds the design that satisfies the targets and is nearest to `podium` in
+      scaled variables
+    - `targets`: one or more targets to satisfy; targets on the same motions share their simulations
+    - `method`: `"sqp"`, sequential quadratic programming; or an `optax.GradientTransformation`; `"adam"` is
       short for `optax.adam(0.02)`. A transformation takes `max_iterations` steps on an augmented Lagrangian
-      in scaled variables, and `"sqp"` continues from the best point. `FreshSamples` in place of suites need
-      a transformation, which is then the whole search
-    - `starts`: number of starting points, ≥ 1: `podium` and a Latin hypercube drawn at random from `seed`
+      in scaled variables, and `"sqp"` continues from the best point of each start. Targets with
+      `FreshSamples` need a transformation, and `"sqp"` does not follow it
+    - `starts`: number of starting points, ≥ 1: `podium`, and a random Latin hypercube for the others
+    - `seed`: seed of the random starting points, ≥ 0
     - `options`: options of the simulations; their `outputs` and `throw` are ignored
     - `tolerance`: tolerance of the optimality conditions, in scaled variables, and least margin aimed at, in
-      [1e-10, 1e-2]; raised to 1e-4 if a target is a `FailureProbability` [–]
-    - `max_iterations`: limit for every start, by default 60 for `"sqp"`, 100 steps of a gradient
-      transformation, or 300 with `FreshSamples`
-    - `progress`: `True` for a progress bar, or any object with a method `update(iterations)`
+      [1e-10, 1e-2]; at least 1e-4 is used if a target is a `FailureProbability` [–]
+    - `max_iterations`: for every start, the largest number of iterations of `"sqp"`, or the number of steps
+      of a gradient transformation, ≥ 1. None means 60 for `"sqp"`, 100 for a transformation, and 300 with
+      `FreshSamples`. Corrections after a verification come in addition
+    - `progress`: `True` for a progress bar, or any object with a method `update(n)`, which is called with
+      n = 1 after each evaluation of all starts
 
     If no design satisfies the targets, the design with the smallest violation is returned, with
-    `satisfied = False`. Raises `ValueError` for invalid inputs. Ctrl-C raises [`rockjax.Interrupted`][],
-    whose `partial` is the best design so far, verified like any other, or None before the first evaluation.
+    `satisfied = False`. Raises `ValueError` for invalid inputs. Ctrl-C raises [`rockjax.Interrupted`][]. Its
+    `partial` is the best design until then or, with `FreshSamples`, the mean of the latest steps. It is
+    evaluated with the tolerances of the verification, but not corrected, and without a new independent sample
+    for a `FailureProbability`. It is None before the first evaluation.
     """
     start_time = time.perf_counter()
     transformation = transformation_of(method)
@@ -132,11 +138,12 @@ def design(
 class DescentSearch:
     """Search from all starts of a design: first evaluation, simultaneous descents, verification.
 
-    - `transformation`: gradient transformation that takes steps first, None for descents only
+    - `transformation`: gradient transformation that takes steps before the descents; None for descents only
     - `evaluate`: evaluates one point of every start
     - `points`: starting points (starts, n), in scaled variables
-    - `tolerance`: residual of the optimality conditions at convergence, and margin aimed at [–]
-    - `max_iterations`: limit of steps of the transformation or of iterations of a descent
+    - `tolerance`: largest residual of the optimality conditions at convergence, and margin aimed at [–]
+    - `max_iterations`: number of steps of the transformation; without one, largest number of iterations of a
+      descent
     """
 
     def __init__(
@@ -157,7 +164,8 @@ class DescentSearch:
     def run(self) -> bool:
         """Run the search and return whether it was interrupted.
 
-        Unfinished starts of an interrupted search end at their best points so far.
+        If the search is interrupted, every start whose descent has not ended ends at its best point until
+        then. Raises `rockjax.Interrupted` if the first evaluation is interrupted.
         """
         evaluate, starts = self.evaluate, range(len(self.points))
         try:
@@ -190,7 +198,8 @@ class DescentSearch:
         return False
 
     def verify(self) -> None:
-        """Verify the ends by accurate simulation, and correct small violations by further descents."""
+        """Evaluate the ends with the tolerances of the verification, and correct small violations by further
+        descents."""
         tolerance = self.tolerance
         self.evaluations = self.evaluate_with_samples()
         settings = Settings(self.scale, tolerance, 1e-2, tolerance, 12)
@@ -211,7 +220,8 @@ class DescentSearch:
     def evaluate_with_samples(self) -> list[Evaluation]:
         """Take independent samples at the best end, and return the evaluations at all ends.
 
-        A new sample may make another end the best; at most `MAX_CHECKED_ENDS` ends are sampled.
+        A new sample may show that another end is the best, which is then sampled as well; at most
+        `MAX_CHECKED_ENDS` ends are sampled.
         """
         for _ in range(MAX_CHECKED_ENDS):
             evaluations = self.evaluate(self.end_points)
@@ -223,8 +233,8 @@ class DescentSearch:
         return self.evaluate(self.end_points)
 
     def correct(self, settings: Settings) -> None:
-        """Continue from the ends while an independent sample contradicts the estimate of the search, in at
-        most `MAX_CORRECTIONS` rounds."""
+        """Continue the descents from their ends as long as an independent sample at the best end contradicts
+        the estimate of the search, but not more than `MAX_CORRECTIONS` times."""
         for _ in range(MAX_CORRECTIONS if self.evaluate.sampled_targets.targets else 0):
             best = _best_index(self.evaluate(self.end_points))
             _, differs = self.evaluate.sampled_targets.check(self.end_points[best])
@@ -239,7 +249,7 @@ class DescentSearch:
             run_descents(descents, self.evaluate, end_points, first, self.ends)
 
     def end_so_far(self, k: int, settings: Settings) -> End:
-        """Return the best point of a start so far as its end; its multipliers are unknown (NaN)."""
+        """Return the best point that start k has reached as its end; its multipliers are unknown (NaN)."""
         x, evaluation = self.evaluate.best[k]
         iterations = sum(row.start == k for row in self.history)
         return End(
@@ -251,7 +261,7 @@ class DescentSearch:
         )
 
     def estimate_samples(self, x: np.ndarray) -> SampleEstimates:
-        """Return the estimates from independent samples at the end of a start."""
+        """Return the estimates from independent samples at x (n,), the end of a start."""
         return self.evaluate.sampled_targets.probabilities(x)
 
     @property
@@ -271,26 +281,28 @@ class DescentSearch:
 def _check_fresh(
     transformation: optax.GradientTransformation | None, targets: tuple, objective: AbstractObjective | None
 ) -> None:
-    """Raise `ValueError` for targets, objectives and methods that do not work with fresh samples."""
+    """Raise `ValueError` if there are fresh samples, and a target, the objective or the method does not work
+    with them."""
     distributional = [t for t in targets if isinstance(t, AbstractScaleTarget) and t.accepts_fresh_samples]
     others = [t for t in targets if not any(t is other for other in distributional)]
     for item in (*others, objective, getattr(objective, "risk", None)):
         if fresh_samples_of(item) is not None:
+            of_objective = " of the objective" if item is getattr(objective, "risk", None) else ""
             raise ValueError(
-                "design: FreshSamples apply to targets on a distribution of capacities, "
-                f"optimise.AnnualFrequency or MedianCapacity; {type(item).__name__} cannot use them here"
+                "design: only the targets optimise.AnnualFrequency and optimise.MedianCapacity can have "
+                f"FreshSamples; give the {type(item).__name__}{of_objective} fixed motions"
             )
     if not any(fresh_samples_of(t) is not None for t in distributional):
         return
     if any(isinstance(target, FailureProbability) for target in targets):
         raise ValueError(
-            "design: one design cannot have a FailureProbability and a target with FreshSamples; use one of "
-            "them"
+            "design: a FailureProbability and a target with FreshSamples cannot be combined; leave one of "
+            "them out"
         )
     if transformation is None:
         raise ValueError(
-            "design: FreshSamples need a gradient transformation such as method=optax.adam(0.02); "
-            "'sqp' compares values of different steps, and every step draws other motions"
+            "design: FreshSamples need a gradient transformation such as method=optax.adam(0.02); 'sqp' "
+            "compares values of different steps, which belong to different motions"
         )
 
 
@@ -314,7 +326,8 @@ def _check_arguments(starts, tolerance, max_iterations, targets: tuple, minimise
 
 
 def _starting_points(variables: Variables, starts: int, seed: int) -> np.ndarray:
-    """Return the starting points: the user's structure and a Latin hypercube."""
+    """Return the starting points (starts, n), in scaled variables: the user's structure and a random Latin
+    hypercube."""
     rng = np.random.default_rng(seed)
     n = len(variables.names)
     strata = (
@@ -331,7 +344,7 @@ def _best_index(evaluations: list[Evaluation]) -> int:
 
 
 def _margin_counts(targets: tuple[AbstractTarget, ...], counts: list[int]) -> dict[str, int]:
-    """Return target name → number of margins; repeated names are numbered."""
+    """Return name of the target → number of its margins; repeated names are numbered."""
     names: dict[str, int] = {}
     for target, count in zip(targets, counts, strict=True):
         base_name = target.name or target.describe()
@@ -343,9 +356,10 @@ def _margin_counts(targets: tuple[AbstractTarget, ...], counts: list[int]) -> di
 
 
 def _small_violation(end: End, verified: Evaluation, limit: float) -> float:
-    """Return the verified violation of an end if further descents can correct it, 0 otherwise.
+    """Return the violation at an end in the verification if a further descent may correct it, otherwise 0.
 
-    Descents can correct a violation up to `limit` if the search found the targets satisfied.
+    It may if the evaluation is finite, the violation at most `limit`, and the result of the search neither
+    `infeasible` nor `not_finite`.
     """
     if end.result in (INFEASIBLE, NOT_FINITE) or not verified.is_finite:
         return 0.0

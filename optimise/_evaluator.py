@@ -1,7 +1,7 @@
-"""Evaluations of design points for all starts (starting points of a search) in one batch.
+"""Evaluations of design points, one for each start (starting point of a search), in one batch.
 
-An evaluation has the objective, the margins of the targets, and the derivatives of both with respect to the
-scaled variables.
+An evaluation contains the values of the objective, the margins of the targets, and the derivatives of both
+with respect to the scaled variables.
 """
 
 from __future__ import annotations
@@ -39,13 +39,16 @@ BOOTSTRAP_SAMPLES = 200  # resamples from which standard errors are estimated
 class DesignProblem(Module):
     """Objective values and target margins as a differentiable function of the design variables.
 
-    Targets and objectives ("items") that read responses share one suite, in which equal suites appear once.
+    Targets and the objective are called items. All items that read peak responses share one combined suite,
+    which contains the motions of equal suites only once.
 
-    - `variables`: the design variables; `objective`: None for the nearest design; `targets`: the targets
-    - `suite`: all motions whose responses are read, None if there are none
+    - `variables`: the design variables; `targets`: the targets
+    - `objective`: the objective; None to minimise the squared distance from the user's structure, in scaled
+      variables
+    - `suite`: the combined suite, None if no item reads responses
     - `slices`: for each target and then the objective, the range (first, end) of its motions in `suite`; None
       for an item that reads no responses
-    - `outputs`: outputs of the suite's simulations; `scenes`: number of scenes for one evaluation
+    - `outputs`: requested outputs of the simulations; `scenes`: number of scenes of one evaluation
     """
 
     variables: Variables
@@ -59,9 +62,10 @@ class DesignProblem(Module):
     def __call__(
         self, x: Float[Array, " n"], options: rj.Options
     ) -> tuple[Float[Array, " k"], list[Float[Array, " m"]], Int[Array, " items"]]:
-        """Return objective values (k,), margins (m,) of every target, and overturned scenes of every item.
+        """Evaluate a point x in scaled variables.
 
-        The number of overturned scenes is 0 for items that do not depend on peaks until overturning.
+        Returns the objective values (k,), the margins (m,) of every target, and the number of overturned
+        scenes of every item, which is counted only for items with `until_overturning` and otherwise 0.
         """
         podium = self.variables.podium(x)
         peaks = None if self.suite is None else self.suite.responses(podium, options, self.outputs)
@@ -88,7 +92,7 @@ class DesignProblem(Module):
 def build_problem(
     variables: Variables, objective: AbstractObjective | None, targets: tuple[AbstractTarget, ...]
 ) -> DesignProblem:
-    """Return the problem of a design, in which items with the same motions share their simulations."""
+    """Return the problem of a design. Items with the same motions share their simulations."""
     suite: Suite | None = None
     merged_suites: list[tuple[Suite, tuple[int, int]]] = []
     slices: list[tuple[int, int] | None] = []
@@ -125,7 +129,7 @@ def build_problem(
 
 
 def _floats_to_arrays(item: Any) -> Any:
-    """Turn Python floats into arrays, which compiled programs take as arguments, not as constants.
+    """Turn Python floats into arrays: compiled programs take arrays as arguments, but floats as constants.
 
     Zeros stay floats, because they may mean that a component is absent.
     """
@@ -133,7 +137,7 @@ def _floats_to_arrays(item: Any) -> Any:
 
 
 def _trace_functions(variables: Variables, objective: AbstractObjective | None) -> AbstractObjective | None:
-    """Replace user functions by traced ones, whose jaxpr identifies them in the store of programs."""
+    """Replace user functions by traced ones, which the store of programs recognises by their jaxpr."""
 
     def trace(leaf: Any) -> Any:
         if not isinstance(leaf, PodiumFunction) or isinstance(leaf.function, TracedFunction):
@@ -141,7 +145,7 @@ def _trace_functions(variables: Variables, objective: AbstractObjective | None) 
         podium_shape = jax.eval_shape(variables.podium, jax.ShapeDtypeStruct((len(variables.names),), float))
         try:
             return PodiumFunction(TracedFunction(leaf.function, podium_shape))
-        except Exception:  # the error is reported when the function is evaluated
+        except Exception:  # evaluating the function later reports the error
             return leaf
 
     return jax.tree.map(trace, objective, is_leaf=lambda leaf: isinstance(leaf, PodiumFunction))
@@ -149,7 +153,8 @@ def _trace_functions(variables: Variables, objective: AbstractObjective | None) 
 
 @functools.partial(StoredProgram, arrays_only=True, description="the design with its derivatives")
 def _evaluate_points(problem: DesignProblem, options: rj.Options, points: Float[Array, "starts n"]):
-    """Return the Jacobians of the values and of every target's margins, and the result of `problem`."""
+    """Return, for each point, the Jacobians of the objective values and of the margins of every target, and
+    the result of `problem`."""
 
     def evaluate_point(x):
         def with_result(x):
@@ -163,13 +168,13 @@ def _evaluate_points(problem: DesignProblem, options: rj.Options, points: Float[
 
 @functools.partial(StoredProgram, arrays_only=True)
 def _least_scales(target: AbstractScaleTarget, options: rj.Options, podium: rj.Podium):
-    """Return the overturning scales (k,) of the motions of a target."""
+    """Return the least overturning scales (k,) of the motions of a target."""
     return target.least_scales(podium, options)
 
 
 @functools.partial(StoredProgram, arrays_only=True)
 def _margins_of_samples(target: AbstractScaleTarget, scales: Float[Array, "samples k"]):
-    """Return the margins (samples, margins) of a target for each sample of overturning scales."""
+    """Return the margins (samples, margins) of a target for samples of overturning scales (samples, k)."""
     return jax.vmap(target.margins_of_scales)(scales)
 
 
@@ -199,7 +204,7 @@ def verification_options(options: rj.Options) -> rj.Options:
 
 
 def options_as_arrays(options: rj.Options) -> rj.Options:
-    """Return options with their numbers as arrays, which compiled programs take as arguments."""
+    """Return options with arrays in place of numbers, because compiled programs take arrays as arguments."""
     return jax.tree.map(as_float, options)
 
 
@@ -208,13 +213,14 @@ class Evaluator:
 
     Points are ranked by the shortfall of their margins from `target_margin`, and then by their objective.
 
-    - `problem`: objective and traced targets; `sampled_targets`: targets on probabilities of failure
+    - `problem`: objective, and targets that JAX can trace; `sampled_targets`: targets on probabilities of
+      failure, which cannot be traced
     - `options`: options of the simulations; `points`: starting points (starts, n), in scaled variables
     - `target_margin`: least margin that the search aims at [–]; `bar`: progress bar
 
-    `best` holds the best point of every start and its evaluation, `margin_counts` the number of margins of
-    each target, `evaluations` the number of evaluated points, and `fresh_samples` the fresh samples by index
-    of their target.
+    Attributes: `best` contains the best point of every start and its evaluation, `margin_counts` the number
+    of margins of each target, and `evaluations` the number of evaluated points. `fresh_samples` maps the
+    index of a target to its fresh samples.
     """
 
     def __init__(
@@ -244,8 +250,9 @@ class Evaluator:
     def __call__(self, points: np.ndarray, count: int | None = None) -> list[Evaluation]:
         """Return the evaluations at points (starts, n).
 
-        `count` is the number of points added to `evaluations`, by default all. If `is_accurate` is True,
-        simulations use the tolerances of verification, and targets the widths that the user gave.
+        `count` is the number by which `evaluations` increases; None for the number of points. If
+        `is_accurate` is True, simulations use the tolerances of verification, and targets without fresh
+        samples the `width` that the user gave.
         """
         options = verification_options(self.options) if self.is_accurate else self.options
         problem = self.full_problem if self.is_accurate else self.problem
@@ -274,7 +281,8 @@ class Evaluator:
         return evaluations
 
     def estimates(self, x: np.ndarray, k: int) -> dict[int, MarginEstimate]:
-        """Return the margins at a point (n,) in the k-th independent sample: index of target → estimate."""
+        """Return index of the target → margins at x (n,) in the k-th independent sample, for all targets with
+        fresh samples."""
         podium = self.full_problem.variables.podium(x)
         return {index: self._estimate(index, podium, k) for index in self.fresh_samples}
 
@@ -297,7 +305,7 @@ class Evaluator:
         return MarginEstimate(margins[0], margins.std(axis=0))
 
     def _insert_sampled(self, points: np.ndarray, margins: list, slopes: list) -> tuple[list, list]:
-        """Insert the margins and slopes of sampled targets at their indices among all targets."""
+        """Insert the margins and slopes of sampled targets at the indices of these targets."""
         rows = [self.sampled_targets.at(x) for x in points]
         margins, slopes = list(margins), list(slopes)
         for k in self.sampled_targets.targets:
@@ -306,7 +314,7 @@ class Evaluator:
         return margins, slopes
 
     def use_accurate(self) -> None:
-        """Switch permanently to accurate evaluations, including the sampled targets."""
+        """Switch permanently to the accuracy of verification, also for the sampled targets."""
         self.is_accurate = True
         self.sampled_targets.use_accurate()
 
@@ -320,7 +328,7 @@ class Evaluator:
         )
 
     def effort(self, iterations: int, seconds: float) -> Effort:
-        """Return the cost so far."""
+        """Return the cost of all evaluations, with a number of iterations and a wall time [s]."""
         scenes = (
             self.evaluations * self.problem.scenes + self.sampled_targets.scenes + self.verification_scenes
         )
@@ -334,11 +342,11 @@ def run_descents(
     first: list[Evaluation],
     ends: dict[int, End],
 ) -> None:
-    """Advance all descents together until each has ended.
+    """Advance all descents until each has ended; their points are evaluated in batches.
 
     - `descents`: start → descent; `evaluate`: evaluates one point of every start
     - `points`: first points (starts, n); `first`: their evaluations
-    - `ends`: dictionary start → end, to which the end of each descent is written
+    - `ends`: start → end; the end of each descent is stored in this dictionary
     """
     points = np.array(points)
 

@@ -50,11 +50,11 @@ if TYPE_CHECKING:
 
 OUTPUTS = (*DEFAULT_OUTPUTS, "margin")
 POINTS = 1001  # points of each curve
-TIME_AFTER = 12.0  # time drawn after the end of the motion, in units of 1/p
+TIME_AFTER = 12.0  # time drawn after the end of the motion, times the frequency parameter p of the columns
 _WIDTH, _ROW_HEIGHT, _DPI = 8.0, 2.0, 80  # width and row height of the picture [in], dots per inch
 PIXEL_RATIO = 2  # width of the PNG divided by its width on the page, for high-resolution screens
 SLIDER_POSITIONS = 500  # largest number of steps of a slider before refinement
-# How many times a slider step may be divided by 10, so that the initial value is a position.
+# Largest number of times that the step of a slider is divided by 10 to make the initial value a position.
 MAX_REFINEMENTS = 3
 
 
@@ -62,9 +62,11 @@ class Explorer:
     """Sliders for a structure and its ground motion, and the response.
 
     - `widget`: widget that a notebook shows; `sliders`: name → `ipywidgets.FloatSlider`
-    - `values`: name → value in the unit of the parameter; exactly the initial value until the slider moves
-    - `structure`, `podium`, `excitation`, `peak`: structure, motion and peak response for these values
-    - `picture`: picture of the response as PNG; its width in pixels is twice its width on the page
+    - `values`: name → value in the unit of the parameter; exactly the initial value until the slider moves,
+      even if the slider rounds it
+    - `structure`, `podium`, `excitation`, `peak`: structure (as the given type and as a podium), motion and
+      peak response for these values
+    - `picture`: picture of the response as PNG; it has twice as many pixels as its width on the page
     """
 
     def __init__(self, structure, excitation, vary: Mapping[str, tuple[float, float]], options: rj.Options):
@@ -127,7 +129,7 @@ class Explorer:
         return jax.tree.map(np.asarray, _simulate(self._study, self._slider_values(), self._options))
 
     def _on_slider(self, name: str, change: Mapping[str, Any]) -> None:
-        """Store the value of a moved slider and update table and picture."""
+        """Store the value of a slider that has moved, and update table and picture."""
         value = self._grids[name].read(change["new"], self._initial_values[name])
         if value != self._values[name]:
             self._values[name] = value
@@ -153,14 +155,14 @@ def explore(
 
     - `structure`: a `rockjax.Podium` or an `optimise.Dimensions`; `excitation`: any motion. Parameters that
       are not varied keep their values
-    - `vary`: name → (lowest, highest) in the unit of the parameter. Names are those of the structure, as in
-      [`optimise.design`][], and scalar fields of the motion, such as `a_p` and `T_p` of a pulse or `scale` of
-      a record. If the structure and the motion share a name, it means the parameter of the structure
+    - `vary`: name → (lowest, highest) in the unit of the parameter. A name denotes a parameter of the
+      structure, as in [`optimise.design`][], or a scalar field of the motion, such as `a_p` and `T_p` of a
+      pulse or `scale` of a record. A name that both have denotes the parameter of the structure
     - `options`: options of the simulations; their `outputs` and `throw` are ignored
 
     The picture shows the initial response in grey and the present one in colour. Only the first picture
-    compiles a program. Raises `ValueError` for unknown names, and for ranges that are invalid or do not
-    contain the present value.
+    compiles a program. Raises `ValueError` for other structures, motions and options, for unknown names, and
+    for ranges that are invalid or do not contain the initial value.
     """
     if not isinstance(structure, Structure):
         raise ValueError(
@@ -204,15 +206,15 @@ def explore(
 
 
 def _outputs(options: rj.Options) -> tuple[str, ...]:
-    """Return the outputs to request. The overturning margin is requested only with engine="flat" and
-    overturn_ratio ≤ 1, where every structure has one."""
+    """Return the outputs to request. The last one, the overturning margin, is requested only with
+    engine="flat" and overturn_ratio ≤ 1, because then every structure has this margin."""
     return OUTPUTS if float(options.overturn_ratio) <= 1 and options.engine == "flat" else OUTPUTS[:-1]
 
 
 def _motion_names(
     structure: Structure, excitation: rj.AbstractExcitation, names: tuple[str, ...]
 ) -> list[str]:
-    """Return the names that belong to scalar fields of the motion, but not to parameters of the structure."""
+    """Return those of `names` that denote scalar fields of the motion and no parameters of the structure."""
     fields = {field.name: getattr(excitation, field.name) for field in dataclasses.fields(excitation)}
     parameters = STRUCTURE if isinstance(structure, rj.Podium) else DIMENSIONS
     scalars = [name for name, y in fields.items() if eqx.is_inexact_array(y) and y.ndim == 0]
@@ -245,7 +247,11 @@ class _Study(Module):
 
 
 class _Simulation(Module):
-    """Peaks of a scene, and curves over time t: θ/α, deformation of the superstructure [m], ü_g [g]."""
+    """Peaks of a scene, and curves over time.
+
+    - `peak`: the peaks; `t`: times (n,) of the curves [s]; `rotation`: θ/α [–]
+    - `deformation`: deformation of the superstructure [m]; `ground_acceleration`: ü_g [g]
+    """
 
     peak: rj.Peak
     t: Float[Array, " n"]
@@ -256,7 +262,7 @@ class _Simulation(Module):
 
 @eqx.filter_jit
 def _simulate(study: _Study, values: Float[ArrayLike, " n"], options: rj.Options) -> _Simulation:
-    """Simulate the scene for values of the sliders, and sample the curves."""
+    """Simulate the scene for the slider values (n,), and compute its curves."""
     structure, excitation = study.at(values)
     podium = as_podium(structure)
     response = rj.simulate(podium, excitation, options=options)
@@ -271,7 +277,7 @@ def _simulate(study: _Study, values: Float[ArrayLike, " n"], options: rj.Options
 
 
 def _deformation(response: rj.Response, podium: rj.Podium, t: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Return the deformation (n,) of the superstructure [m]: at the roof of a building, else in mode 1."""
+    """Return the deformation (n,) of the superstructure [m]: of the roof of a building, or of mode 1."""
     if isinstance(podium.superstructure, rj.ShearBuilding):
         return jnp.sum(response.drift(t), axis=-1)
     deformation = response.deformation(t)
@@ -286,7 +292,10 @@ def _deformation_label(podium: rj.Podium) -> str:
 
 
 class _Grid(NamedTuple):
-    """Positions of a slider. A browser rounds every value to the nearest position, even the initial one."""
+    """Positions of a slider: `low`, `low + step`, … up to `high`.
+
+    A browser rounds every value to the nearest position, even the initial value.
+    """
 
     low: float
     high: float
@@ -294,9 +303,9 @@ class _Grid(NamedTuple):
 
     @classmethod
     def containing(cls, low: float, high: float, value: float) -> _Grid:
-        """Return a grid with a round step and about `SLIDER_POSITIONS` positions.
+        """Return a grid from `low` to `high` with a round step and about `SLIDER_POSITIONS` positions.
 
-        The step is divided by 10 until `value` is a position, at most `MAX_REFINEMENTS` times.
+        If `value` is not a position, the step is divided by 10, up to `MAX_REFINEMENTS` times.
         """
         rough_step = (high - low) / SLIDER_POSITIONS
         unit = 10.0 ** math.floor(math.log10(rough_step))
@@ -310,8 +319,10 @@ class _Grid(NamedTuple):
         return abs(position - round(position)) < 1e-6
 
     def read(self, shown_value: float, initial_value: float) -> float:
-        """Return the initial value if the slider shows the position nearest to the initial value, otherwise
-        the shown value. A shown value that is not a position is returned unchanged."""
+        """Return the value of the parameter for the value that its slider shows.
+
+        This is the initial value if the slider shows the position nearest to it, otherwise the shown value.
+        """
         if not self.has_position(shown_value):
             return shown_value
         shown_value = float(f"{shown_value:.12g}")  # browsers compute positions in floating point
@@ -335,7 +346,7 @@ def _slider(name: str, grid: _Grid, value: float, unit: str) -> ipywidgets.Float
 
 
 class _Drawing:
-    """Figure of the initial and the present response. `__call__` redraws the present response."""
+    """Figure of the initial and the present response. A call redraws the present response."""
 
     def __init__(self, initial: _Simulation, structure: Structure):
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -352,7 +363,7 @@ class _Drawing:
         if not podium.vibrates:
             del rows[1]
         with plt.style.context(STYLE):
-            # The layout is fixed, because a layout engine takes longer than the drawing.
+            # The margins are fixed, because a layout engine would take longer than the drawing.
             self.figure = Figure(figsize=(_WIDTH, _ROW_HEIGHT * len(rows)), dpi=_DPI)
             FigureCanvasAgg(self.figure)
             axes = self.figure.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0]
@@ -381,7 +392,7 @@ class _Drawing:
         return file.getvalue()
 
 
-# Row of the table → (field of the peak, factor).
+# Heading of a row of the table → (field of the peak, factor that converts it to the unit of the heading).
 _ROWS = {
     "peak rotation [α]": ("peak_rotation", 1.0),
     "overturning margin": ("margin", 1.0),

@@ -1,8 +1,9 @@
 """Target on a probability of failure under random ground motions.
 
-The probability is estimated by sampling, outside jit, one structure at a time. During a search it is
-estimated from rays: directions in the space of the random variables u, through failing samples, along which
-the distance to failure is computed.
+The probability is estimated by sampling, outside jit, one structure at a time. A vector u of random variables
+determines the ground motion. During a search, the probability is estimated from rays: half-lines from u = 0
+through samples u for which the structure fails. The positions at which a ray enters and leaves failure give
+the probability of failure (`rockjax/_risk/rays.py`).
 """
 
 from __future__ import annotations
@@ -26,9 +27,10 @@ from rockjax.internal import concrete, require_instance, require_number, require
 from ._suite import Values
 from ._targets import AbstractTarget, Name, check_limit
 
-SAFETY_FACTOR = 1.645  # allowance in standard errors of ln P; covers 95 % of independent samples
+SAFETY_FACTOR = 1.645  # allowance, in standard errors of ln P, that 95 % of independent samples do not exceed
 MAX_SCENES = 10_000_000  # largest number of scenes of an independent sample
-SAME_STRUCTURE = 1e-3  # largest relative difference of parameters with which an independent sample is reused
+# A structure reuses an independent sample of another one if no parameter differs by a larger relative amount.
+SAME_STRUCTURE = 1e-3
 
 
 class FailureProbability(AbstractTarget):
@@ -36,18 +38,22 @@ class FailureProbability(AbstractTarget):
 
     - `at_most`: probability, 1e-9 ≤ at_most ≤ 0.3 [–]; `motion`: a [`rockjax.GaussianMotion`][]
     - `limit`: limit state, as for [`rockjax.failure_probability`][]
-    - `cov`: coefficient of variation of the estimates, in [0.02, 0.5]; `rays`: number of directions along
-      which the failure surface is followed, ≥ 8; `seed`: seed of the random numbers, ≥ 0
-    - `name`: name in reports
+    - `cov`: coefficient of variation of the estimates, in [0.02, 0.5]; `seed`: seed of the random numbers,
+      ≥ 0
+    - `rays`: number of failing samples through which rays are drawn, ≥ 8
+    - `name`: name in reports; None for a description
 
-    The margin is ln k. The standard normal variables u of the motion, multiplied by k, give exactly the
-    probability `at_most`; for motions without a pulse, k is a factor on the motion. During the search k comes
-    from rays (directions) through failing samples of the first structure. Its derivatives with respect to the
-    variables follow from the implicit function theorem. All structures use the same rays, and the search aims
-    below `at_most` to allow for the scatter between two samples. A design is verified by subset simulation
-    with another seed; this independent sample gives the margin and is stored in `Design.probabilities`. If
-    the sample has not converged in 10 million scenes, the margin is NaN and the design is not satisfied, with
-    the result `unverified`.
+    The margin is ln k, where k is the factor on the standard normal variables u of the motion with which the
+    probability of failure equals `at_most`. For motions without a pulse, k is a factor on the motion. During
+    the search k is computed along rays, half-lines from u = 0 through failing samples of the first structure,
+    which all structures share. The derivatives of k with respect to the design variables follow from the
+    implicit function theorem. The search aims below `at_most` to allow for the scatter between two samples.
+
+    A design is verified by subset simulation with another seed. The probability along the rays is multiplied
+    by a factor so that it agrees with this independent sample, and the margin is computed again.
+    `Design.probabilities` contains the estimate from the sample. If the sample has not converged in 10
+    million scenes, the margin is NaN, and the design is not satisfied, with the result `unverified` if no
+    target is violated. Raises `ValueError` for invalid arguments.
     """
 
     at_most: float = eqx.field(static=True)
@@ -88,7 +94,10 @@ class FailureProbability(AbstractTarget):
         )
 
     def margins(self, podium: rj.Podium, options: rj.Options) -> Values:
-        """Return the margin (1,) of a structure, from rays sampled for this structure; outside jit."""
+        """Return the margin (1,) of a structure, from rays sampled for this structure; outside jit and grad.
+
+        `options` has no effect.
+        """
         if any(concrete(y) is None for y in jax.tree.leaves(podium)):
             raise ValueError(
                 "FailureProbability: margins cannot be traced, because they are sampled; use the target in "
@@ -101,7 +110,7 @@ class FailureProbability(AbstractTarget):
 
 
 class MarginAndSlopes(NamedTuple):
-    """A margin, and its derivatives with respect to the logarithms of parameters: name → slope."""
+    """A margin, and its derivatives with respect to logarithms of parameters (parameter → derivative)."""
 
     margin: float
     slopes: Mapping[str, float]
@@ -110,8 +119,10 @@ class MarginAndSlopes(NamedTuple):
 class _IndependentSample(NamedTuple):
     """An independent sample at a structure.
 
-    - `parameters`: all scalar parameters (n,) of the structure; `estimate`: its probability of failure
-    - `ratio`: this probability divided by the estimate along the rays
+    - `parameters`: all parameters (n,) of the structure; `estimate`: the estimate of its probability of
+      failure
+    - `ratio`: this probability divided by the estimate along the rays; if the sample has not converged, the
+      ratio of the nearest earlier sample
     """
 
     parameters: np.ndarray
@@ -120,10 +131,13 @@ class _IndependentSample(NamedTuple):
 
 
 class RayTarget:
-    """A target with rays, which are sampled at the first structure of a search; outside jit.
+    """A target with its rays, which are sampled for one structure; outside jit.
 
-    - `scenes`: number of scenes simulated so far; `samples`: independent samples taken so far
-    - `is_verifying`: whether a design is being verified; margins then have no allowance
+    - `target`: the target; `podium`: the structure for which rays are sampled, the first one of a search
+
+    The attributes count the simulated scenes (`scenes`) and store the independent samples (`samples`). The
+    attribute `is_verifying` is True while a design is verified; margins then include no allowance for
+    scatter. Raises `ValueError` if rays cannot be sampled.
     """
 
     def __init__(self, target: FailureProbability, podium: rj.Podium):
@@ -142,7 +156,8 @@ class RayTarget:
         return limit_state("FailureProbability", podium, self.target.motion, self.target.limit)
 
     def at(self, podium: rj.Podium, names: tuple[str, ...]) -> MarginAndSlopes:
-        """Return the margin of a structure, with slopes for `names`."""
+        """Return the margin of a structure, and its derivatives with respect to the logarithms of the
+        parameters `names`."""
         limit = self._limit_state(podium)
         probability = self._target_probability(podium)
         solution = solve_factor(limit, self.rays, probability, names, self.initial_factor)
@@ -153,26 +168,27 @@ class RayTarget:
         )
 
     def _target_probability(self, podium: rj.Podium) -> float:
-        """Return the probability along the rays at which the factor k is solved for."""
+        """Return the probability that the rays must give with the factor k: `at_most`, divided by the ratio
+        of the nearest independent sample and, during a search, reduced by an allowance for scatter."""
         safety = 0.0 if self.is_verifying else self.spread
         return min(self.target.at_most / self._ratio(podium) * math.exp(-safety), 0.9)
 
     @property
     def spread(self) -> float:
-        """Difference of ln P that 95 % of pairs of samples do not exceed."""
+        """Difference by which ln P of one sample exceeds ln P of another in at most 5 % of all pairs."""
         return SAFETY_FACTOR * math.sqrt(2) * self.target.cov
 
     def _ratio(self, podium: rj.Podium) -> float:
-        """Return `ratio` of the independent sample at the nearest structure, 1 before the first sample."""
+        """Return `ratio` of the independent sample at the nearest structure; 1 if there is no sample yet."""
         if not self.samples:
             return 1.0
         parameters = _parameters(podium)
         return min(self.samples, key=lambda sample: _largest_difference(sample.parameters, parameters)).ratio
 
     def check(self, podium: rj.Podium) -> float | None:
-        """Take an independent sample at a structure and return the change of the estimate of ln P.
+        """Take an independent sample at a structure, and return by how much it changes the estimate of ln P.
 
-        Return None if the structure has been sampled already.
+        Return None, without sampling, if the structure has been sampled before.
         """
         if self.checked_estimate(podium) is not None:
             return None
@@ -190,14 +206,14 @@ class RayTarget:
         return math.log(ratio / old_ratio)
 
     def checked_estimate(self, podium: rj.Podium) -> rj.FailureProbability | None:
-        """Return the estimate of the independent sample at this structure, None if there is none."""
+        """Return the estimate from the latest independent sample at this structure, None without a sample."""
         parameters = _parameters(podium)
         nearby = [s for s in self.samples if _largest_difference(s.parameters, parameters) <= SAME_STRUCTURE]
         return nearby[-1].estimate if nearby else None
 
 
 def _parameters(podium: rj.Podium) -> np.ndarray:
-    """Return the values (n,) of all leaves of a podium."""
+    """Return all parameters (n,) of a podium, the leaves of its pytree."""
     return np.array([float(y) for y in jax.tree.leaves(podium)])
 
 

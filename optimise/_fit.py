@@ -26,28 +26,30 @@ from rockjax.internal import (
 from ._suite import has_answer
 from ._variables import Structure, Variables, as_podium, make_variables
 
-WINDOWS = (0.15, 0.25, 0.4, 0.6, 1.0)  # successive windows, as fractions of the duration of strong rotation
+# Lengths of successive windows, as fractions of the duration of strong rotation; the last covers all times.
+WINDOWS = (0.15, 0.25, 0.4, 0.6, 1.0)
 STRONG_RATIO = 0.1  # the measured rotation is strong above this fraction of its peak
-MIN_BOUND_DISTANCE = (
-    1e-3  # smallest distance of starts from the bounds, where the slope of the transformation is zero
-)
+# Smallest distance of starting points from the bounds, in scaled variables: at a bound the slope of the
+# transformation is zero.
+MIN_BOUND_DISTANCE = 1e-3
 MAX_STEPS = 40  # steps of the solver in each window
-DRAWS_PER_START = 16  # random points for each start; the one with the least cost on the first window is used
+DRAWS_PER_START = 16  # random points for each start; the best one in the first window is used
 
 
 class Fit(Module):
     """A fitted podium with its standard errors.
 
-    - `podium`: the fitted podium; `structure`: the fitted structure, of the same type as the argument
-    - `variables`: name → value; `errors`: name → standard error, from the Jacobian and the scatter of the
-      residuals. All errors are inf if the measurement does not determine every variable; errors at a bound
-      are only indicative
+    - `podium`: the fitted podium; `structure`: the same as a `rockjax.Podium` or an `optimise.Dimensions`,
+      whichever was passed to `optimise.fit`
+    - `variables`: name → value, in `units`; `errors`: name → standard error, in `units`, from the Jacobian
+      and the scatter of the residuals. All errors are inf if the measurement does not determine every
+      variable; the error of a variable at a bound is only a rough indication
     - `covariance`: covariance matrix of the variables, in the units `units` and the order of `variables`
-    - `rms`: root mean square of the residuals [rad]; `residuals`: measured minus fitted θ [rad]
-    - `starts`: rms of the fit of every start [rad]; `best`: index of the returned start; `converged`: whether
-      the solver converged on the last window of this start
+    - `residuals`: measured minus fitted θ at each time, shape (n,) [rad]; `rms`: their root mean square [rad]
+    - `starts`: `rms` of the fit from every start [rad]; `best`: index of the start with the returned fit;
+      `converged`: whether the solver converged in the last window of this start
     - `units`: name → unit
-    - `seconds`: wall time, with compilation [s]
+    - `seconds`: wall time, including compilation [s]
     """
 
     podium: rj.Podium
@@ -98,7 +100,8 @@ def _check_measurement(times, theta, variable_count: int, earliest: float) -> tu
         )
     if times[0] < earliest:
         raise ValueError(
-            f"fit: times must not begin before the excitation, at {earliest:g} s; got {times[0]:g} s"
+            f"fit: times must not begin before the excitation, which starts at {earliest:g} s; got "
+            f"times[0] = {times[0]:g} s"
         )
     return times, theta
 
@@ -121,15 +124,17 @@ def fit(
     - `podium`, `vary`: as in [`optimise.design`][]; `podium` is the first start
     - `excitation`: the ground motion of the measurement
     - `times`: times of the measurement, ascending, n ≥ 2 [s]; `theta`: rotation measured at `times` [rad]
-    - `initial`: the state at the start of the excitation's support
-    - `starts`: number of starting points, ≥ 1; all but the first are drawn at random from `seed`
-    - `options`: options of the simulations; their `history` is the number of steps that a simulation can have
+    - `initial`: the state at the start of the excitation
+    - `starts`: number of starting points, ≥ 1; all but the first are drawn at random
+    - `seed`: seed of the random numbers, ≥ 0
+    - `options`: options of the simulations; their `history` is the number of steps that a simulation can
+      have, and their `throw` is ignored
     - `tolerance`: relative and absolute tolerance of the least-squares solver, > 0 [–]
 
-    A rotation out of phase with the measurement gives a poor search direction. The fit therefore starts with
-    a short window, which covers the first impacts, and continues with longer ones. The method is
-    Levenberg–Marquardt in transformed variables that stay within the bounds. Raises `ValueError` for invalid
-    inputs.
+    If the simulated rotation is out of phase with the measured one, the search direction is poor. The fit
+    therefore starts with a short window of times, which covers the first impacts, and continues with longer
+    windows. The method is Levenberg–Marquardt in transformed variables that stay within the bounds. Raises
+    `ValueError` for invalid inputs.
     """
     start_time = time.perf_counter()
     variables = make_variables(podium, vary, "fit")
@@ -194,7 +199,7 @@ def fit(
 
 
 class _Scene(Module):
-    """A structure with varied parameters, its motion and the measured rotation θ at `times`."""
+    """A structure with varied parameters, its motion, and the rotation `theta` measured at `times`."""
 
     variables: Variables
     excitation: rj.AbstractExcitation
@@ -204,9 +209,10 @@ class _Scene(Module):
     options: rj.Options
 
     def residuals(self, x: Float[Array, " k"]) -> Float[Array, " n"]:
-        """Return measured minus simulated rotation (n,) [rad], inf if the scene did not finish.
+        """Return measured minus simulated rotation (n,) [rad] for scaled variables x.
 
-        After overturning, the simulated rotation is ±α.
+        It is inf if the scene did not finish. The simulated rotation is ±α after overturning, and 0 after the
+        columns have come to rest for good.
         """
         podium = self.variables.podium(x)
         response = rj.simulate(
@@ -221,9 +227,11 @@ class _Scene(Module):
 
 
 def _window_weights(times: np.ndarray, theta: np.ndarray, fraction: float) -> np.ndarray:
-    """Return weights of the times (n,): 1 up to a fraction of the strong rotation's duration, then 0.
+    """Return the weights (n,) of the times in a window: 1 in the window, 0 after it.
 
-    All weights are 1 for fraction = 1.
+    - `times`, `theta`: as for `fit`
+    - `fraction`: length of the window divided by the duration of strong rotation. The window also covers all
+      times before strong rotation; all weights are 1 for fraction = 1
     """
     strong_times = times[np.abs(theta) >= STRONG_RATIO * np.max(np.abs(theta))]
     window_end = strong_times[0] + fraction * (strong_times[-1] - strong_times[0])
@@ -242,10 +250,12 @@ def _from_unit_interval(x):
 
 @eqx.filter_jit
 def _costs(scene: _Scene, points, weights, peak):
-    """Return the mean squares of the weighted residuals [–], (k,); inf if the scene did not finish.
+    """Return the mean square of the weighted residuals of each point [–], (k,); inf if its scene did not
+    finish.
 
-    - `scene`: the scene; `points`: variables in [0, 1], (k, n)
-    - `weights`: weights of the times, (times,); `peak`: largest measured rotation [rad]
+    - `scene`: the scene; `points`: scaled variables (k, n)
+    - `weights`: weights of the times, (times,); `peak`: largest absolute measured rotation [rad], by which
+      residuals are divided
     """
 
     def cost(x):
@@ -257,7 +267,7 @@ def _costs(scene: _Scene, points, weights, peak):
 
 @eqx.filter_jit
 def _solve_window(scene: _Scene, z, weights, peak, tolerance):
-    """Fit one window from every start; return the new z and whether each solver converged.
+    """Fit one window from every start; return the new z, and whether the solver converged for each start.
 
     - `scene`, `weights`, `peak`: as for `_costs`
     - `z`: transformed variables (starts, n), as from `_from_unit_interval`
@@ -281,7 +291,7 @@ def _solve_window(scene: _Scene, z, weights, peak, tolerance):
 
 @eqx.filter_jit
 def _evaluate_residuals(scene: _Scene, points):
-    """Return the residuals and their Jacobians at points (starts, n)."""
+    """Return the residuals (starts, times) and their Jacobians at points (starts, n), in scaled variables."""
 
     def at_point(x):
         def with_value(x):
@@ -295,7 +305,10 @@ def _evaluate_residuals(scene: _Scene, points):
 
 
 def _covariance(residuals: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Return the covariance s²(JᵀJ)⁻¹; all entries are inf if the Jacobian J is rank-deficient."""
+    """Return the covariance s²(JᵀJ)⁻¹ of the variables; all entries are inf if J is rank-deficient.
+
+    `slope` is the Jacobian J of the residuals (times, n), and s² their variance.
+    """
     count, n = slope.shape
     variance = float(residuals @ residuals) / max(count - n, 1)
     information = slope.T @ slope

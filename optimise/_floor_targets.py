@@ -18,8 +18,7 @@ from ._targets import AbstractTarget, Name, check_limit
 
 
 class AbstractFloorTarget(AbstractTarget):
-    """A target on secondary systems of floors (`systems`: contents or oscillators) under every motion of a
-    suite."""
+    """Base class of targets on `systems`, contents or oscillators on floors, under all motions of a suite."""
 
     limit: eqx.AbstractVar[Any]
     suite: eqx.AbstractVar[Suite]
@@ -33,7 +32,7 @@ class AbstractFloorTarget(AbstractTarget):
         return limited_by_overturning((self.limit - values) / self.limit, peaks)
 
     def limited_value(self, answer: Any) -> Values:
-        """Return the quantity (k,) that `limit` bounds, from the responses of one secondary system."""
+        """Return the responses (k,) of one system to k motions, which `limit` bounds."""
         raise NotImplementedError
 
     @property
@@ -49,7 +48,8 @@ class AbstractFloorTarget(AbstractTarget):
 
 
 def _as_tuple(owner: str, name: str, required: type, value: Any) -> tuple[Any, ...]:
-    """Return one or several instances of `required` as a tuple; raise `ValueError` for anything else."""
+    """Return `value`, one instance of `required` or a sequence of them, as a tuple; raise `ValueError` for
+    anything else."""
     members = (value,) if isinstance(value, required) else value
     if not isinstance(members, Sequence) or not members or not all(isinstance(y, required) for y in members):
         raise ValueError(
@@ -61,12 +61,13 @@ def _as_tuple(owner: str, name: str, required: type, value: Any) -> tuple[Any, .
 class ContentsRotation(AbstractFloorTarget):
     """Contents of floors rotate by at most `limit`·α_c under every motion: max|φ|/α_c ≤ limit.
 
-    - `limit`: 0 < limit < 1 [–]; `excitations`: a motion or a list of them
-    - `contents`: one or several [`rockjax.Contents`][]; `name`: name of the target in reports
+    - `limit`: 0 < limit < 1 [–]; `excitations`: a motion or a list of motions
+    - `contents`: one or several [`rockjax.Contents`][]; `name`: name in reports; None for a description
 
     A block with rotation φ and slenderness α_c has the margin (limit − s)/limit with s = max|φ|/α_c. If the
-    block overturns, s = 1 − M, where M < 0 is its overturning margin. If the columns overturn, margins are at
-    most the overturning margin of the columns. Raises `ValueError` for an invalid limit or contents.
+    block overturns, s = 1 − M, where M < 0 is the overturning margin of the block. If the columns overturn,
+    margins are at most the overturning margin of the columns, which is negative. Raises `ValueError` for
+    invalid arguments.
     """
 
     limit: Any
@@ -90,11 +91,12 @@ class ContentsRotation(AbstractFloorTarget):
 class FloorSpectrum(AbstractFloorTarget):
     """Oscillators on floors reach at most the pseudo-acceleration `limit` under every motion: PSA ≤ limit.
 
-    - `limit`: > 0 [m/s²]; `excitations`: a motion or a list of them
-    - `oscillators`: one or several [`rockjax.Oscillator`][]; `name`: name of the target in reports
+    - `limit`: > 0 [m/s²]; `excitations`: a motion or a list of motions
+    - `oscillators`: one or several [`rockjax.Oscillator`][]; `name`: name in reports; None for a description
 
-    The margin of each oscillator is (limit − PSA)/limit. If the columns overturn, margins are at most the
-    overturning margin of the columns. Raises `ValueError` for an invalid limit or oscillators.
+    The margin of each oscillator with the pseudo-acceleration PSA is (limit − PSA)/limit. If the columns
+    overturn, margins are at most the overturning margin of the columns, which is negative. Raises
+    `ValueError` for invalid arguments.
     """
 
     limit: Any

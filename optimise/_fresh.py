@@ -13,17 +13,19 @@ import rockjax as rj
 from rockjax._risk.structure import records_from_samples
 from rockjax.internal import AnyMotions, format_value, require_whole, single_motions
 
-STEP_STREAM, SAMPLE_STREAM = 1, 2  # random streams: for the batches of a search and for independent samples
+# Parts of the random seed of a batch: for the steps of a search, and for independent samples.
+STEP_STREAM, SAMPLE_STREAM = 1, 2
 
 
 class FreshSamples:
     """Ground motions that are drawn anew in every step of a search with an Optax gradient transformation.
 
-    They take the place of a suite in targets on a distribution of capacities: `optimise.AnnualFrequency`
-    (records only) and `optimise.MedianCapacity`.
+    An instance replaces the suite in targets on the distribution of overturning capacities (the scales or
+    intensities with which motions overturn the columns): `optimise.AnnualFrequency`, which accepts only
+    records, and `optimise.MedianCapacity`.
 
-    - `motions`: a [`rockjax.GaussianMotion`][], or two or more records, drawn with replacement
-    - `batch`: number of motions in a step, ≥ 2
+    - `motions`: a [`rockjax.GaussianMotion`][], or two or more records, which are drawn with replacement
+    - `batch`: number of motions that are drawn in every step, ≥ 2
     - `verify`: number of motions of the independent sample that verifies a design, a multiple of `batch`
     - `seed`: seed of the random numbers, ≥ 0
 
@@ -57,13 +59,16 @@ class FreshSamples:
         self.motions = rj.Records.of(self.members)
 
     def records(self, owner: str) -> tuple[Any, ...]:
-        """Return the records from which samples are drawn. Raises `ValueError` for a Gaussian motion."""
+        """Return the records from which samples are drawn.
+
+        Raises `ValueError`, in the name of `owner`, if they are drawn from a Gaussian motion.
+        """
         if not self.members:
-            raise ValueError(f"{owner}: FreshSamples must be drawn from records here, got {self!r}")
+            raise ValueError(f"{owner}: FreshSamples must be drawn from records, got {self!r}")
         return self.members
 
     def of_records(self, members: Sequence[Any]) -> Self:
-        """Return fresh samples of other records, with the same `batch`, `verify` and `seed`."""
+        """Return fresh samples of the records `members`, with the same `batch`, `verify` and `seed`."""
         return type(self)(list(members), self.batch, verify=self.verify, seed=self.seed)
 
     def draw(self, k: int) -> rj.Records:
@@ -71,11 +76,11 @@ class FreshSamples:
         return self._draw(STEP_STREAM, k)
 
     def sample(self, k: int) -> list[rj.Records]:
-        """Return the k-th independent sample, in batches."""
+        """Return the k-th independent sample of `verify` motions, as a list of batches."""
         return [self._draw(SAMPLE_STREAM, k, index) for index in range(self.verify // self.batch)]
 
     def _draw(self, *stream: int) -> rj.Records:
-        """Return the batch of the random stream that a sequence of integers identifies."""
+        """Return the batch drawn with the random seed (`self.seed`, *`stream`)."""
         rng = np.random.default_rng([self.seed, *stream])
         if isinstance(self.motions, rj.GaussianMotion):
             u = rng.standard_normal((self.batch, self.motions.dimension))
@@ -85,5 +90,5 @@ class FreshSamples:
         return dataclasses.replace(records, which=rows.astype(np.int32), scale=jnp.ones(self.batch))
 
     def __repr__(self):
-        source = f"{len(self.members)} records" if self.members else "Gaussian motions"
-        return f"FreshSamples: {self.batch} of {source} per step, {self.verify} for verification"
+        source = f"of {len(self.members)} records" if self.members else "Gaussian motions"
+        return f"FreshSamples: {self.batch} {source} per step, {self.verify} for verification"

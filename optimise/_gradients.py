@@ -4,11 +4,12 @@ The transformation follows the gradient of
 
     f + Σ_j (max(0, μ_j − ρ_j c_j)² − μ_j²)/(2ρ_j),
 
-where f is the largest objective value, c_j a margin minus the margin aimed at, and μ_j its multiplier. ρ_j is
-ρ divided by a running mean of |∇c_j|², so that margins of any slope have equal weight. In each step μ_j moves
-a tenth of the way to max(0, μ_j − ρ_j c_j). After the first eighth of a search, the length of step t
-decreases as 1/√t. Points are projected onto the bounds. Values of different steps are never compared, because
-the motions may differ from step to step.
+where f is the largest objective value, divided by a typical value, c_j a margin minus the margin aimed at,
+and μ_j the multiplier of this margin. ρ_j is ρ divided by a running mean of |∇c_j|², so that steep and flat
+margins have equal weight. In each step μ_j moves a tenth of the way to max(0, μ_j − ρ_j c_j). After the first
+eighth of a search, step t of the transformation is multiplied by a factor that decreases as 1/√t. Points are
+projected onto the bounds. Values of different steps are never compared here, because the motions may differ
+from step to step.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ MAX_ITERATIONS = 100
 RHO = 10.0  # ρ of the augmented Lagrangian
 SMOOTHING = 0.1  # weight of a new value in the running means of multipliers and squared slopes
 STEP_DECAY = 8  # steps shrink after the first 1/STEP_DECAY of a search
-MAX_STEP = 0.25  # largest entry of a step in scaled variables
+MAX_STEP = 0.25  # largest absolute entry of a step, in scaled variables
 MIN_SLOPE = 1e-2  # lower limit of the root-mean-square slope |∇c_j| in ρ_j
 
 
@@ -59,19 +60,20 @@ def transformation_of(method: str | optax.GradientTransformation) -> optax.Gradi
         if "value_fn" not in str(error):
             raise
         raise ValueError(
-            "design: method must not need value_fn, the objective as a function, as line searches do; give "
-            "one that needs only gradients, such as optax.adam(0.02) or "
+            "design: method must not need value_fn, a function that evaluates the objective, as line "
+            "searches do; give a method that needs only gradients, such as optax.adam(0.02) or "
             f"optax.lbfgs(0.1, linesearch=None); got {method!r}"
         ) from None
     return method
 
 
 class GradientSteps:
-    """Gradient steps of all starts in one batch, under the same motions.
+    """Gradient steps from all starts (starting points) in one batch, under the same motions.
 
-    The first axis of arrays is the start: margins have shape (s, m), scaled variables (s, n). The attribute
-    `target_margins` holds the margins aimed at, `squared_slopes` the running means of |∇c_j|², `is_excluded`
-    starts that are not finite, and `last_steps` the points and evaluations of the second half of the steps.
+    The first axis of arrays runs over the s starts: margins have shape (s, m), scaled variables (s, n).
+    Attributes: `target_margins` contains the margins aimed at, `squared_slopes` the running means of |∇c_j|²,
+    and `last_steps` the points and evaluations in the second half of the latest steps of each start.
+    `is_excluded` is True for starts whose first evaluation is not finite.
 
     - `transformation`: an Optax gradient transformation; `evaluate`: evaluates one point of every start
     - `points`: starting points (s, n); `evaluations`: the evaluations of these points
@@ -103,9 +105,9 @@ class GradientSteps:
         self.last_steps: list[list[tuple[Vector, Evaluation]]] = [[] for _ in evaluations]
 
     def take_steps(self, steps: int, active: np.ndarray) -> None:
-        """Take `steps` steps with the starts for which `active` (s,) is True.
+        """Take `steps` steps from the present points of the starts for which `active` (s,) is True.
 
-        A start with a non-finite gradient does not move in that step.
+        A start does not move in a step in which its gradient is not finite.
         """
         optimiser_state = self.init(jnp.asarray(self.x))
         for k in np.flatnonzero(active):
@@ -129,7 +131,7 @@ class GradientSteps:
             self.x, self.iteration = new_x, self.iteration + 1
 
     def _lagrangian(self, k: int, evaluation: Evaluation) -> tuple[float, Vector]:
-        """Update the multipliers of a start; return its augmented Lagrangian and the gradient (n,)."""
+        """Update the multipliers of start k; return its augmented Lagrangian and the gradient (n,)."""
         c = evaluation.c - self.target_margins[k]
         if np.isfinite(evaluation.c_slope).all():
             self.squared_slopes[k] += SMOOTHING * (
@@ -148,8 +150,9 @@ class GradientSteps:
     def _record(self, k: int, evaluation: Evaluation, factor: float, step: float) -> None:
         """Append an iterate to the history.
 
-        - `k`, `evaluation`: index of the start, and the evaluation at its point
-        - `factor`: factor on the step; `step`: largest absolute entry of the step
+        - `k`: index of the start; `evaluation`: evaluation at its point before the step
+        - `factor`: factor by which the step of the transformation was multiplied
+        - `step`: largest absolute entry of the step, in scaled variables
         """
         margin, value = float(np.min(evaluation.c, initial=np.inf)), float(np.max(evaluation.f))
         row = Iterate(k, self.iteration, self.x[k], value, margin, np.nan, factor, RHO, step, True)

@@ -1,4 +1,4 @@
-"""Objectives of a design. An objective has one or more values, of which the largest is minimised."""
+"""Objectives of a design. An objective has one or more values; the largest is minimised."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class AbstractObjective(Module):
 
 
 class AbstractWorst(AbstractObjective, AbstractResponses):
-    """Base class of objectives on the worst response to a suite."""
+    """Base class of objectives on the largest peak response to a suite of motions."""
 
     suite: Suite
 
@@ -82,15 +82,15 @@ class WorstRotation(AbstractWorst):
 
 
 class WorstPeak(AbstractWorst):
-    """The largest value of an output, over all motions and all modes, stories or floors.
+    """The largest value of an output, over all motions and all modes, stories, floors or joints.
 
     - `output`: name of an output of `rockjax.Options.outputs` that is a peak, such as `"peak_shear"`, or an
-      instance of [`rockjax.AbstractOutput`][]; `excitations`: a motion or a list of motions
+      instance of [`rockjax.AbstractOutput`][] that is a peak; `excitations`: a motion or a list of motions
 
     Where the columns overturn, the peak until overturning underestimates the response. This peak is therefore
     multiplied by (1 − M), where M < 0 is the overturning margin. To exclude such designs, add a target such
-    as [`optimise.NoOverturning`][]. Raises `ValueError` for other outputs and, when evaluated, for a podium
-    that does not have the output.
+    as [`optimise.NoOverturning`][]. Raises `ValueError` for other outputs, for outputs that can be infinite
+    and, when evaluated, for a podium that does not have the output.
     """
 
     output: AbstractOutput = eqx.field(static=True)
@@ -99,10 +99,11 @@ class WorstPeak(AbstractWorst):
     def __init__(self, output: str | AbstractOutput, excitations):
         super().__init__(excitations)
         self.output = limited_output(type(self).__name__, output)
+        # Only an output that can be infinite has another output for targets.
         if self.output.for_limit(1.0)[0] != self.output:
             raise ValueError(
                 f"{type(self).__name__}: {self.output.name} can be infinite, so it cannot be minimised; "
-                "give it a limit as a target, such as optimise.PeakFriction"
+                "limit it by a target instead, such as optimise.PeakFriction"
             )
 
     @property
@@ -120,7 +121,7 @@ class WorstPeak(AbstractWorst):
 
 
 class WorstShear(WorstPeak):
-    """The largest shear divided by the weight of the superstructure, under one or more motions [–]."""
+    """The largest shear of the superstructure under one or more motions, divided by its weight [–]."""
 
     def __init__(self, excitations):
         super().__init__("peak_shear", excitations)
@@ -165,7 +166,8 @@ class PodiumFunction(AbstractObjective):
         value = jnp.asarray(self.function(podium), float)
         if value.ndim > 1:
             raise ValueError(
-                f"design: minimise must return a number or a vector, got an array of shape {value.shape}"
+                "design: the function of the podium must return a number or a vector, got an array of shape "
+                f"{value.shape}"
             )
         return jnp.atleast_1d(value)
 
@@ -175,9 +177,9 @@ class PodiumFunction(AbstractObjective):
 
 
 class ExpectedLoss(AbstractObjective):
-    """Annual cost of the columns plus expected annual loss by overturning: function(podium) + loss · λ_f.
+    """Annual cost of the podium plus expected annual loss by overturning: function(podium) + loss · λ_f.
 
-    - `function`: function of the podium that returns its annual cost [currency]
+    - `function`: function of the podium that returns its annual cost [currency/year]
     - `loss`: loss by one overturning, > 0 [currency]
     - `risk`: an `optimise.AnnualFrequency`, which gives the annual frequency of overturning λ_f [1/year]; its
       `at_most` is ignored. The same object may also be a target

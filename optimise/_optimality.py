@@ -19,12 +19,14 @@ EvaluatedPoints = list[tuple[Vector, Evaluation]]
 class Optimality(NamedTuple):
     """Multipliers of the margins and residual of the optimality conditions.
 
-    Both belong to the step that minimises the merit of linear models plus half the squared step length.
+    They come from the step that minimises the merit of linear models plus half the squared step length. If
+    the solver finds no step, the multipliers are 0 and the residual is inf.
 
     - `multipliers`: multipliers (m,) of the margins
     - `residual`: largest absolute entry of this step, comparable to the norm of a projected gradient; the
       residual is 0 if and only if the merit is stationary within the bounds
-    - `violation`: modelled violation after this step [–]
+    - `violation`: violation after this step according to the linear models [–]; without a step, the present
+      violation
     """
 
     multipliers: Vector
@@ -33,10 +35,12 @@ class Optimality(NamedTuple):
 
 
 def linear_models(x: Vector, current: Evaluation, points: EvaluatedPoints) -> Model:
-    """Return the linear models built at x and at other evaluated points, for steps from x.
+    """Return the linear models for steps from x: one built at x, and one built at each of `points`.
 
-    The models of other points are cuts. At x a cut may not predict more than the evaluated objective, or
-    less than an evaluated margin: objective cuts are lowered and margin cuts raised to the values at x.
+    The models built at `points` are cuts. If a cut predicts a larger objective value at x than `current`, it
+    is lowered to the value of `current`. If it predicts a smaller margin, it is raised to that of `current`.
+
+    - `x`: scaled variables (n,); `current`: evaluation at x; `points`: other evaluated points
     """
     k, m = len(current.f), len(current.c)
     f, f_slope, c, c_slope = [current.f], [current.f_slope], [current.c], [current.c_slope]
@@ -57,7 +61,7 @@ def linear_models(x: Vector, current: Evaluation, points: EvaluatedPoints) -> Mo
 
 
 def points_near(x: Vector, points: EvaluatedPoints) -> EvaluatedPoints:
-    """Return the evaluated points within `NEAR_DISTANCE` of x, whose models describe kinks at x."""
+    """Return those of `points` that lie within `NEAR_DISTANCE` of x. Their models describe kinks at x."""
     return [(y, evaluation) for y, evaluation in points if np.max(np.abs(y - x)) <= NEAR_DISTANCE]
 
 
@@ -69,9 +73,9 @@ def optimality(
     penalty: float,
     tolerance: float,
 ) -> Optimality:
-    """Return the optimality of the merit at x.
+    """Return multipliers and residual of the merit at x.
 
-    The merit is first taken to be smooth at x. If x is then not stationary, it may be at a kink, and the
+    The merit is first taken to be smooth at x. If x is then not stationary, x may be at a kink, and the
     models of near points are added.
 
     - `x`: scaled variables (n,); `current`: evaluation at x; `near_points`: evaluated points near x

@@ -23,10 +23,11 @@ from ._targets import AbstractResponses, AbstractResponseTarget, Name, check_lim
 class PeakRotation(AbstractResponseTarget):
     """The columns rotate by at most `limit`·α under every motion: max|θ|/α ≤ limit.
 
-    - `limit`: 0 < limit < 1 [–]; `excitations`: a motion or a list of them; `name`: name in reports
+    - `limit`: 0 < limit < 1 [–]; `excitations`: a motion or a list of motions; `name`: name in reports, None
+      for a description
 
-    The margin is (limit − s)/limit with s = max|θ|/α. Where the columns overturn, s is overturn_ratio − M,
-    where M < 0 is the overturning margin. Raises `ValueError` for other limits; for a limit of 1 use
+    The margin is (limit − s)/limit with s = max|θ|/α. If the columns overturn, s is overturn_ratio − M, where
+    M < 0 is the overturning margin. Raises `ValueError` for other limits; for a limit of 1 use
     [`optimise.NoOverturning`][].
     """
 
@@ -47,17 +48,17 @@ class PeakRotation(AbstractResponseTarget):
 
 
 class PeakLimit(AbstractResponseTarget):
-    """An output of a scene stays at most `limit` under every motion.
+    """A peak is at most `limit` under every motion.
 
     - `output`: name of an output of `rockjax.Options.outputs` that is a peak, such as `"peak_shear"`, or an
-      instance of [`rockjax.AbstractOutput`][]
-    - `limit`: > 0, in the unit of the output; `excitations`: a motion or a list of them; `name`: name in
-      reports
+      instance of [`rockjax.AbstractOutput`][] that is a peak
+    - `limit`: > 0, in the unit of the output; `excitations`: a motion or a list of motions; `name`: name in
+      reports, None for a description
 
-    Every mode, story, floor or joint has its own margin, (limit − peak)/limit. Where the columns overturn,
-    the peak covers only the time until overturning, and the margin is at most the overturning margin, which
-    is negative. Raises `ValueError` for other limits and outputs, and during evaluation for a podium without
-    the output.
+    Every mode, story, floor or joint has its own margin, (limit − peak)/limit. If the columns overturn, the
+    peak covers only the time until overturning, and the margin is at most the overturning margin, which is
+    negative. Raises `ValueError` for other limits and outputs and, when evaluated, for a podium that does not
+    have the output.
     """
 
     output: AbstractOutput = eqx.field(static=True)
@@ -69,7 +70,7 @@ class PeakLimit(AbstractResponseTarget):
     def __init__(self, output: str | AbstractOutput, limit, excitations, name: Name = None):
         owner = type(self).__name__
         check_limit(owner, "limit", limit)
-        # An output that can be infinite is replaced by a smooth one with its own limit.
+        # An output that can be infinite is replaced by a smooth output, which has another limit.
         self.output, self.limit = limited_output(owner, output).for_limit(float(limit))
         self.name = name
         self.suite = Suite.of(excitations, owner)
@@ -87,23 +88,25 @@ class PeakLimit(AbstractResponseTarget):
 
 
 def limited_output(owner: str, output: str | AbstractOutput) -> AbstractOutput:
-    """Return an output, given as an instance or by name. Raises `ValueError` if it is not a peak."""
+    """Return an output that is given by name or as an instance. Raises `ValueError` if it is not a peak."""
     instance = output if isinstance(output, AbstractOutput) else REGISTRY.get(output)
     if instance is None or not _is_peak(instance):
         peaks = [name for name, registered in REGISTRY.items() if _is_peak(registered)]
         raise ValueError(
-            f"{owner}: output must be one of {peaks}, or a rockjax.AbstractOutput; got {output!r}"
+            f"{owner}: output must be one of {peaks}, or a rockjax.AbstractOutput that is a peak "
+            f"(until_overturning = True); got {output!r}"
         )
     return instance
 
 
 def _is_peak(output: AbstractOutput) -> bool:
-    """Return whether the variable with the same name as an output is a peak."""
+    """Return whether an output is a peak: its variable of the same name covers, if the columns overturn, only
+    the time until overturning."""
     return any(y.name == output.name and y.until_overturning for y in output.variables)
 
 
 def with_margin(output: AbstractOutput) -> tuple[str | AbstractOutput, ...]:
-    """Return the output and the overturning margin, for `rockjax.Options.outputs`."""
+    """Return an output and the overturning margin, as entries of `rockjax.Options.outputs`."""
     return name_if_registered(output), "margin"
 
 
@@ -115,7 +118,10 @@ def output_title(output: AbstractOutput) -> str:
 def output_values(reader: AbstractResponses, output: AbstractOutput, peaks: rj.Peak) -> Float[Array, " k"]:
     """Return the values (k,) of an output for all motions and all modes, stories, floors or joints.
 
-    `reader`: target or objective that the error names. Raises `ValueError` for a podium without the output.
+    - `reader`: target or objective, which error messages name; `output`: the output
+    - `peaks`: responses to all motions
+
+    Raises `ValueError` for a podium that does not have the output.
     """
     values = getattr(peaks, output.name)
     if values is None:
@@ -127,15 +133,18 @@ def output_values(reader: AbstractResponses, output: AbstractOutput, peaks: rj.P
 
 
 def limited_by_overturning(margins: Values, peaks: rj.Peak) -> Values:
-    """Return margins (k,), limited to the overturning margin where the columns overturn."""
+    """Return margins (k,); where the columns overturn, they are at most the overturning margin."""
     overturned, depth = overturning_depths(peaks, len(margins))
     return jnp.where(overturned, jnp.minimum(margins, -depth), margins)
 
 
 def overturning_depths(peaks: rj.Peak, count: int) -> tuple[Array, Float[Array, " k"]]:
-    """Return two vectors (count,): whether the scene of each value overturned, and its depth −M [–].
+    """Return two vectors (count,): whether the scene overturned, and the depth −M of overturning [–].
 
-    M < 0 is the overturning margin. The depth of scenes that did not overturn is 1, and has no effect.
+    M < 0 is the overturning margin. The depth of scenes that did not overturn is set to 1 and has no effect.
+
+    - `peaks`: responses to all motions
+    - `count`: number of values, which have the same order as the scenes; each scene has equally many values
     """
     depth = jnp.where(peaks.margin < 0, -peaks.margin, 1.0)
     repeat = lambda y: jnp.repeat(jnp.ravel(y), count // jnp.size(y))
@@ -143,9 +152,10 @@ def overturning_depths(peaks: rj.Peak, count: int) -> tuple[Array, Float[Array, 
 
 
 class PeakShear(PeakLimit):
-    """The shear of the superstructure divided by its weight is at most `limit`: max|V_s|/(m_t g) ≤ limit.
+    """The shear V_s of the superstructure is at most `limit` times its weight: max|V_s|/(m_t g) ≤ limit.
 
-    - `limit`: > 0 [–]; `excitations`: a motion or a list of them; `name`: name in reports
+    - `limit`: > 0 [–]; `excitations`: a motion or a list of motions; `name`: name in reports, None for a
+      description
     """
 
     def __init__(self, limit, excitations, name: Name = None):
@@ -158,7 +168,10 @@ class PeakShear(PeakLimit):
 class PeakDeformation(PeakLimit):
     """The deformation of each mode of the superstructure is at most `limit`: max|u_t − u_b| ≤ limit.
 
-    - `limit`: > 0 [m]; `excitations`: a motion or a list of them; `name`: name in reports
+    u_t and u_b are the displacements of the superstructure and of the beam.
+
+    - `limit`: > 0 [m]; `excitations`: a motion or a list of motions; `name`: name in reports, None for a
+      description
     """
 
     def __init__(self, limit, excitations, name: Name = None):
@@ -168,9 +181,10 @@ class PeakDeformation(PeakLimit):
 class PeakDrift(PeakLimit):
     """The drifts of all stories of a building are at most `limit`.
 
-    - `limit`: > 0 [m]; `excitations`: a motion or a list of them; `name`: name in reports
+    - `limit`: > 0 [m]; `excitations`: a motion or a list of motions; `name`: name in reports, None for a
+      description
 
-    Raises `ValueError` during evaluation for a podium without stories.
+    When evaluated, it raises `ValueError` for a podium without stories.
     """
 
     def __init__(self, limit, excitations, name: Name = None):
@@ -180,9 +194,10 @@ class PeakDrift(PeakLimit):
 class PeakFloorAcceleration(PeakLimit):
     """The absolute horizontal accelerations of all floors of a building are at most `limit`.
 
-    - `limit`: > 0 [m/s²]; `excitations`: a motion or a list of them; `name`: name in reports
+    - `limit`: > 0 [m/s²]; `excitations`: a motion or a list of motions; `name`: name in reports, None for a
+      description
 
-    Raises `ValueError` during evaluation for a podium without stories.
+    When evaluated, it raises `ValueError` for a podium without stories.
     """
 
     def __init__(self, limit, excitations, name: Name = None):
@@ -190,14 +205,16 @@ class PeakFloorAcceleration(PeakLimit):
 
 
 class PeakFriction(PeakLimit):
-    """The joints of all columns need at most the friction coefficient `limit`: max|T|/N ≤ limit.
+    """The joints of all columns need at most the friction coefficient `limit`: max(|T|/N) ≤ limit.
 
-    - `limit`: > 0 [–], such as μ divided by a safety factor
-    - `excitations`: a motion or a list of them; `name`: name in reports
+    - `limit`: > 0 [–], such as the friction coefficient of the joints divided by a safety factor
+    - `excitations`: a motion or a list of motions; `name`: name in reports, None for a description
 
-    T and N are the shear and axial force in a joint, and N_0 is the dead load of the mean column. The margins
-    of the bottom and the top joint are min (limit·N − |T|)/(limit·N_0). They are smooth for N < 0, so that a
-    design can start there. Without an elevation of the podium, the target applies to the mean column.
+    T and N are the shear and axial force in a joint, and N_0 is the dead load, averaged over the columns. The
+    bottom and the top joint have one margin each, the minimum of (limit·N − |T|)/(limit·N_0) over time and
+    columns. It is smooth also for N < 0 (the joint would open), so that a search can start from such a
+    structure. If the podium has no elevation (positions of columns and heights of masses), the target applies
+    to the mean column.
     """
 
     friction: float = eqx.field(static=True)
@@ -211,9 +228,10 @@ class PeakFriction(PeakLimit):
 
 
 class PeakFoundationShear(PeakLimit):
-    """The shear on the foundation divided by the total weight is at most `limit`: max|V|/W_0 ≤ limit.
+    """The shear V on the foundation is at most `limit` times the total weight W_0: max|V|/W_0 ≤ limit.
 
-    - `limit`: > 0 [–]; `excitations`: a motion or a list of them; `name`: name in reports
+    - `limit`: > 0 [–]; `excitations`: a motion or a list of motions; `name`: name in reports, None for a
+      description
     """
 
     def __init__(self, limit, excitations, name: Name = None):
@@ -224,14 +242,15 @@ class PeakFoundationShear(PeakLimit):
 
 
 class LeastAxialForce(AbstractResponseTarget):
-    """The axial force in all joints is at least a fraction of the dead load: N ≥ at_least·N_0.
+    """The axial force N in all joints is at least a fraction of the dead load N_0: N ≥ at_least·N_0.
 
-    - `at_least`: 0 ≤ at_least < 1 [–]; 0 keeps the joints closed
-    - `excitations`: a motion or a list of them; `name`: name in reports
+    - `at_least`: the fraction, 0 ≤ at_least < 1 [–]; 0 keeps the joints closed
+    - `excitations`: a motion or a list of motions; `name`: name in reports, None for a description
 
-    The margins of the bottom and the top joint are min N/N_0 − at_least, with the dead load N_0 of the mean
-    column. Where the columns overturn, margins are at most the overturning margin. Without an elevation of
-    the podium, the target applies to the mean column. Raises `ValueError` for other fractions.
+    N_0 is averaged over the columns. The bottom and the top joint have one margin each, min(N)/N_0 −
+    at_least, with the minimum over time and columns. If the columns overturn, margins are at most the
+    overturning margin, which is negative. If the podium has no elevation (positions of columns and heights of
+    masses), the target applies to the mean column. Raises `ValueError` for other fractions.
     """
 
     at_least: Any

@@ -1,4 +1,4 @@
-"""Pictures of a design. The functions return axes or a figure, which is neither shown nor saved."""
+"""Pictures of a design. The functions return axes or a figure; they neither show nor save it."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ if TYPE_CHECKING:
 
 
 MARKERS = "osD^vP"  # markers of the starts
-MAX_STARTS = 8  # starts that the legend lists
+MAX_STARTS = 8  # largest number of starts in the legend
 
 
 def convergence(design: Design, ax: Axes | None = None) -> Axes:
-    """Plot the objective against the iteration, one line for every start, and return the axes.
+    """Plot the objective against the iteration, one line for every start (starting point); return the axes.
 
     - `design`: a result of [`optimise.design`][]; `ax`: axes to draw in, by default those of a new figure
 
-    Iterates that satisfy the targets have filled markers. The start that gave the design is black.
+    Iterates that satisfy the targets have filled markers. The start that gave the design has a black line.
     """
     check_design("convergence", design)
     import matplotlib.pyplot as plt
@@ -65,6 +65,7 @@ def convergence(design: Design, ax: Axes | None = None) -> Axes:
             )
         label = f"start {start}" + (", the design" if k == 0 and others else "")
         legend_entries.append(Line2D([], [], marker=marker, ms=4.5, label=label, **line_style))
+    # The start that gave the design is drawn last, over the others, and comes first in the legend.
     del legend_entries[: max(0, len(legend_entries) - MAX_STARTS)]
     legend_entries = legend_entries[::-1]
     legend_entries.append(Line2D([], [], marker="o", ls="", ms=4.5, color="0.4", label="targets satisfied"))
@@ -85,10 +86,13 @@ def convergence(design: Design, ax: Axes | None = None) -> Axes:
 
 
 def before_after(before: rj.Podium, design: Design, excitation: AnyMotion) -> Figure:
-    """Plot θ/α before and after the design under a ground motion, and the motion itself; return the figure.
+    """Plot θ/α of the podium before and after the design under a ground motion, and the motion itself.
 
     - `before`: the podium before the design; `design`: a result of [`optimise.design`][]
     - `excitation`: the ground motion
+
+    The picture ends with the motion and with rocking, but not later than 60 s after the start. Returns the
+    figure.
     """
     check_design("before_after", design)
     require_instance("before_after", "before", before, rj.Podium, "a rockjax.Podium")

@@ -1,4 +1,4 @@
-"""Design problems in TOML files: the tables `vary`, `minimise` and `targets`."""
+"""Design problems in TOML files: the tables `vary`, `minimise` and `targets` of problem files."""
 
 from __future__ import annotations
 
@@ -81,12 +81,15 @@ WORST: dict[str, Any] = {
 }
 Positive = models.Positive
 _SET_TEXT = "Name of a set of motions."
-_WIDTH_TEXT = "Narrowest overturning window that is found, divided by the range searched [–]."
+_WIDTH_TEXT = (
+    "Widest interval of overturning intensities that may be missed, divided by the range searched [–]."
+)
 _HAZARD_TEXT = "File of a hazard curve, relative to the folder of this file."
-_MAX_INTENSITY_TEXT = "Highest intensity searched, in SI units of the hazard."
+_MAX_INTENSITY_TEXT = "Highest intensity searched, in m/s² or, for PGV, m/s."
 
 
-# Kinds of `[[targets]]`, whose keys are in `rockjax/_report/kinds`: kind → class.
+# Kind of an entry of `[[targets]]` → class of the target. The keys of each kind are in
+# `rockjax/_report/kinds`.
 TARGETS: dict[str, Callable[..., AbstractTarget]] = {
     **{kind: functools.partial(PeakLimit, output) for kind, output in PEAKS.items()},
     "peak-rotation": PeakRotation,
@@ -107,7 +110,7 @@ TARGETS: dict[str, Callable[..., AbstractTarget]] = {
     "overturning-probability": OverturningProbability,
     "failure-probability": FailureProbability,
 }
-POSITIONAL = ("hazard", "pulse", "motion")  # positional arguments after the limit
+POSITIONAL = ("hazard", "pulse", "motion")  # keys whose values are passed by position, after the limit
 
 
 class Quantity(models.Keys):
@@ -118,13 +121,13 @@ class Quantity(models.Keys):
 
 
 class LossKeys(models.Keys):
-    """Objective: cost of the podium and expected loss by overturning."""
+    """Objective: annual cost of the podium plus expected annual loss by overturning."""
 
     quantity: Literal["expected-loss"]
     cost: Annotated[dict[str, Positive], Field(min_length=1)] = key(
-        ..., "Cost for each unit of some parameters."
+        ..., "Annual cost per unit of parameters: name of the parameter = cost."
     )
-    loss: Positive = key(..., "Loss by one overturning, in the unit of the cost.")
+    loss: Positive = key(..., "Loss by one overturning, in the currency of the cost.")
     hazard: str = key(..., _HAZARD_TEXT)
     motions: str = key(..., _SET_TEXT)
     max_intensity: Positive | None = key(None, _MAX_INTENSITY_TEXT)
@@ -137,7 +140,7 @@ def _objective_tag(table: Any) -> str:
 
 
 class ProblemFile(models.Problem):
-    """A problem file with a design."""
+    """Contents of a problem file for a design."""
 
     structure: models.Structure = key(..., "The structure, by ratios or by dimensions.")
     vary: dict[str, models.Bounds] = key(..., "Design variables: name = [lowest, highest].")
@@ -147,7 +150,7 @@ class ProblemFile(models.Problem):
             Discriminator(_objective_tag),
         ]
         | None
-    ) = key(None, "The objective, by default the distance from the start.")
+    ) = key(None, "The objective; by default the distance from the given structure.")
 
     @model_validator(mode="after")
     def _check(self) -> ProblemFile:
@@ -162,7 +165,10 @@ def problem_schema() -> dict[str, Any]:
     entries: Any = list[Annotated[kinds, Field(discriminator="kind")]]
     fields: Any = {
         "checks": (entries, key([], "Checks of the report.")),
-        "targets": (entries, key([], "Conditions of the design; checks of the report as well.")),
+        "targets": (
+            entries,
+            key([], "Conditions that the design must satisfy; a report checks them as well."),
+        ),
     }
     return create_model("ProblemFile", __base__=ProblemFile, **fields).model_json_schema()
 
@@ -171,10 +177,11 @@ SETTINGS = ("starts", "seed", "tolerance", "max_iterations")  # arguments of `de
 
 
 class Problem(NamedTuple):
-    """Design problem of a file: the arguments of [`optimise.design`][], and the sets of motions by name.
+    """Design problem of a file: the arguments of [`optimise.design`][], and the sets of motions.
 
     - `podium`, `vary`, `minimise`, `targets`, `options`: arguments of [`optimise.design`][]
-    - `settings`: name → value of `starts`, `seed`, `tolerance` and `max_iterations`, where the file sets them
+    - `settings`: name → value, for those of the arguments `starts`, `seed`, `tolerance` and `max_iterations`
+      that the file sets
     - `motions`: name → set of motions
     """
 
@@ -196,7 +203,8 @@ class Problem(NamedTuple):
 
 
 def _format_problem(problem: Problem) -> str:
-    """Return a problem as text: variables at the start, targets with their scenes, sets of motions."""
+    """Return a problem as text: objective, variables of the given structure, targets with their numbers of
+    scenes, and sets of motions."""
     objective = problem.minimise
     if objective is None:
         aim = "the nearest design"
@@ -222,7 +230,7 @@ def _format_problem(problem: Problem) -> str:
 def load(path: str | Path) -> Problem:
     """Read a design problem from a TOML file.
 
-    Raises `ValueError` for an invalid file, with the file, the key and the cause.
+    Raises `ValueError` for an invalid file; the message names the file, the key and the cause.
     """
     path = Path(path)
     return problem_of(load_table(path), path)
@@ -231,10 +239,10 @@ def load(path: str | Path) -> Problem:
 def problem_of(
     table: dict[str, Any], path: Path, options: Mapping[str, tuple[str, Any]] | None = None
 ) -> Problem:
-    """Return the design problem of a table.
+    """Return the design problem that a file contains.
 
     - `table`: contents of the file; `path`: path of the file
-    - `options`: as in `rockjax._problem.reading.Reader`
+    - `options`: as for `rockjax._problem.reading.Reader`
     """
     return _Reader(path, options).problem(table)
 
@@ -250,7 +258,7 @@ class _ParameterOf:
 
 
 class _Cost:
-    """Cost of a podium: a rate for each unit of some parameters."""
+    """Cost of a podium: the sum of its parameters, each multiplied by the cost per unit (`rates`)."""
 
     __name__ = "cost"
 
@@ -262,10 +270,13 @@ class _Cost:
 
 
 class _Reader(Reader):
-    """Reader of the tables of a design problem."""
+    """Reader of problem files for a design."""
 
     def problem(self, table: dict[str, Any]) -> Problem:
-        """Return the problem of a table. Raises `ValueError` with the file, the key and the cause."""
+        """Return the problem of a file with the contents `table`.
+
+        Raises `ValueError`, which names the file, the key and the cause, for invalid contents.
+        """
         checked = self.check(ProblemFile, table)
         structure = self.structure(checked.structure, Dimensions)
         podium = as_podium(structure)
@@ -285,8 +296,8 @@ class _Reader(Reader):
     def minimise(self, entry: Quantity | LossKeys, motions: Mapping[str, Any], podium: rj.Podium) -> Any:
         """Return the objective.
 
-        - `entry`: table of the objective
-        - `motions`: sets of motions by name; `podium`: the structure at the start
+        - `entry`: the table `minimise`
+        - `motions`: sets of motions by name; `podium`: the podium of the file
         """
         parameters = tuple(parameters_of(podium))
         if isinstance(entry, LossKeys):
@@ -294,12 +305,12 @@ class _Reader(Reader):
                 if name not in parameters:
                     self.fail(
                         f"minimise.cost.{name}",
-                        f"is not a parameter of the podium; they are {', '.join(parameters)}",
+                        f"is not a parameter of the podium; parameters are {', '.join(parameters)}",
                     )
             with self.errors_at("minimise"):
                 suite = motions[self.require_set(motions, entry.motions, "minimise.motions")]
                 risk = AnnualFrequency(
-                    1.0,
+                    1.0,  # `at_most`, which an `ExpectedLoss` ignores
                     self.hazard(entry.hazard),
                     suite,
                     **entry.as_arguments("quantity", "cost", "loss", "hazard", "motions"),
@@ -315,7 +326,7 @@ class _Reader(Reader):
             quantities = ", ".join((*parameters, *WORST, EXPECTED_LOSS))
             self.fail("minimise.quantity", f"must be one of {quantities}, got {entry.quantity!r}")
         if entry.motions is None:
-            self.fail("minimise", f"motions is missing; name the set of [motions] for {entry.quantity}")
+            self.fail("minimise", f"motions is missing; name a set of [motions] for {entry.quantity}")
         return WORST[entry.quantity](motions[self.require_set(motions, entry.motions, "minimise.motions")])
 
     def hazard(self, name: str) -> rj.Hazard:
@@ -323,17 +334,19 @@ class _Reader(Reader):
         return rj.Hazard.from_file(self.folder / name).in_si()
 
     def target(self, entry: Entry, where: str, motions: Mapping[str, Any]) -> AbstractTarget:
-        """Return a target from an entry.
+        """Return the target of an entry of `[[targets]]`.
 
-        - `entry`: the entry; `where`: its key, for errors; `motions`: sets of motions by name
+        - `entry`: the entry; `where`: key of the entry, for errors; `motions`: sets of motions by name
 
-        Raises `ValueError` for kinds and keys that only a report has.
+        Raises `ValueError` for kinds, and for values of keys, that are allowed only in checks of a report.
         """
         kind, arguments = KINDS[entry.kind], dict(entry.arguments)
         if entry.kind not in TARGETS:
-            self.fail(f"{where}.kind", f"is a check of the report only; targets are {', '.join(TARGETS)}")
+            self.fail(
+                f"{where}.kind", f"can only be a check of a report; kinds of targets are {', '.join(TARGETS)}"
+            )
         if entry.keys.statistic != "max":
-            self.fail(f"{where}.statistic", "must be max, because a design holds under every motion")
+            self.fail(f"{where}.statistic", "must be max, because a target must hold under every motion")
         suite = []
         if kind.needs_motions:
             suite = motions[self.require_set(motions, entry.keys.motions, f"{where}.motions")]
@@ -345,11 +358,12 @@ class _Reader(Reader):
         with self.errors_at(where):
             measure, period = arguments.pop("measure", ("scale", None))
             if entry.kind == "median-capacity" and measure != "scale":
+                # Motions are scaled to unit intensity, so that their scale factors are intensities.
                 measured = measure_of(measure, period, rj.Motions(tuple(as_motions(where, suite)))).values
                 suite = [y.scaled(1 / float(x)) for y, x in zip(suite, np.asarray(measured), strict=True)]
             for table in {"contents", "oscillators"} & arguments.keys():
                 if not arguments[table]:
-                    raise ValueError(f"needs entries [[{table}]] in the file")
+                    raise ValueError(f"needs entries [[{table}]] in the file; add at least one")
                 arguments[table] = list(arguments[table].values())
             positional = [entry.limit] if kind.has_limit else []
             positional += [arguments.pop(name) for name in POSITIONAL if name in arguments]

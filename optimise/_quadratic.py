@@ -1,11 +1,12 @@
-"""Quadratic subproblem of a step d, with linear models of values f and margins c and a curvature B.
+"""Quadratic program for a step d of a design, from linear models of values and margins and a curvature B.
 
     minimise    w·max_i(f_i + ∇f_i·d) + ν v + ½ dᵀB d        over d, v
     subject to  c_j + ∇c_j·d ≥ −v,   v ≥ 0,   lower ≤ d ≤ upper
 
-The weight w and the penalty ν are given. In the solver, the maximum is a further variable with lower
-bounds f_i + ∇f_i·d (epigraph form). Because violations up to v are allowed at the price ν v, a solution
-always exists.
+f_i are the values, the largest of which is minimised, and c_j the margins, which shall be ≥ 0. The weight w
+and the penalty ν are given. In the solver, the maximum is a further variable with the lower bounds
+f_i + ∇f_i·d (epigraph form). Because violations up to v are allowed at the price ν v, a solution always
+exists.
 """
 
 from __future__ import annotations
@@ -21,14 +22,12 @@ _clarabel: Any = clarabel  # a compiled module without stubs
 
 
 class Model(NamedTuple):
-    """Linear models of values and margins.
+    """Linear models of values and margins. Several models may belong to the same value or margin.
 
     - `f`: modelled values (k,) at d = 0; `f_slope`: their Jacobian (k, n)
     - `c`: modelled margins (m,) at d = 0; `c_slope`: their Jacobian (m, n)
     - `value_index` (k,): for each entry of `f`, the index of the value that it models
     - `margin_index` (m,): for each entry of `c`, the index of the margin that it models
-
-    Several entries may model the same value or margin.
     """
 
     f: Vector
@@ -48,9 +47,9 @@ class Model(NamedTuple):
 
 
 class Step(NamedTuple):
-    """Solution of the subproblem.
+    """Solution of the quadratic program.
 
-    - `d`: the step (n,); `violation`: modelled violation after the step [–]
+    - `d`: the step (n,); `violation`: largest violation of the modelled margins after the step [–]
     - `value_multipliers` (k,): multipliers of the modelled values, which sum to the weight w
     - `margin_multipliers` (m,): multipliers of the modelled margins
     """
@@ -61,19 +60,20 @@ class Step(NamedTuple):
     margin_multipliers: Vector
 
 
-BOUND_DISTANCE = 1e-10  # a step that is closer to a bound than this is moved onto the bound
+BOUND_DISTANCE = 1e-10  # an entry of a step that is closer than this to its bound is moved onto the bound
 _SUCCESSES = ("Solved", "AlmostSolved")
 
 
 def solve(
     model: Model, curvature: np.ndarray, weight: float, penalty: float, lower: Vector, upper: Vector
 ) -> Step | None:
-    """Solve the subproblem; return None if the solver fails.
+    """Solve the quadratic program; return None if the solver fails.
 
     - `model`: linear models of values and margins; `curvature`: B (n, n)
     - `weight`: weight w of the largest value; `penalty`: penalty ν of the largest violation
     - `lower`, `upper`: bounds of the step d (n,)
     """
+    # The unknowns of the solver are d, the maximum minus `largest_value`, and v.
     n, k, m = len(lower), len(model.f), len(model.c)
     largest_value = np.max(model.f)
     quadratic = sparse.block_diag([np.triu(curvature), sparse.csc_matrix((2, 2))], format="csc")

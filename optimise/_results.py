@@ -10,20 +10,22 @@ class RESULTS(eqx.Enumeration):
 
     converged = "The optimality conditions hold, and all targets are satisfied."
     stalled = (
-        "The targets are satisfied; the design stopped at a kink or a jump of a response, where no step "
-        "improves it."
+        "The targets are satisfied; the search stopped at a kink or a jump of a response, where no step "
+        "improves the design."
     )
     infeasible = (
         "No design within the bounds was found that satisfies the targets; the closest one is returned. "
         "Widen the bounds, relax the targets or raise starts."
     )
-    out_of_iterations = "The design needed more than max_iterations; raise it, or loosen the tolerance."
-    not_finite = (
-        "A response of the starting design is not finite, or its scene did not finish; start from another "
-        "design."
+    out_of_iterations = (
+        "The search did not converge within max_iterations; raise max_iterations or tolerance."
     )
-    interrupted = "The design was stopped; the best design so far is returned. Start from it to continue."
-    averaged = "The mean design of a search by fresh samples; an independent sample satisfies the targets."
+    not_finite = (
+        "A response is not finite or a scene did not finish, for the starting design or in the verification; "
+        "start from another design."
+    )
+    interrupted = "The search was stopped; the best design so far is returned. Start from it to continue."
+    averaged = "The design is the mean of the last steps; the targets hold in an independent sample."
     unverified = (
         "The independent sample of a probability of failure has not converged, so its target may be "
         "violated; raise the target's cov."
@@ -44,7 +46,7 @@ CONVERGED, STALLED, INFEASIBLE, OUT_OF_ITERATIONS, NOT_FINITE, INTERRUPTED, AVER
 
 
 def result_of_code(code: int) -> RESULTS:
-    """Return the result with a code."""
+    """Return the result that a code denotes, an index of `NAMES`."""
     return getattr(RESULTS, NAMES[code])
 
 

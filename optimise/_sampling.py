@@ -1,6 +1,6 @@
-"""Targets of a design that are sampled: probabilities of failure.
+"""Margins of targets on probabilities of failure, which are estimated by sampling (sampled targets).
 
-Their margins are ≥ 0 where they hold. Slopes are derivatives with respect to the scaled variables, which are
+A target holds where its margin is ≥ 0. Slopes are derivatives with respect to the scaled variables, which are
 0 and 1 at their bounds.
 """
 
@@ -22,7 +22,7 @@ from ._quadratic import Vector
 from ._targets import AbstractTarget
 from ._variables import Variables
 
-ZERO_REPLACEMENT = 1e-9  # replaces parameters that are 0, which have no logarithm
+ZERO_REPLACEMENT = 1e-9  # replaces varied parameters that are 0 and therefore have no logarithm
 
 
 class MarginSlope(NamedTuple):
@@ -47,7 +47,8 @@ class _StructureParameters:
         self._values_and_slopes = jax.jit(lambda x: (parameters(x), jax.jacfwd(parameters)(x)))
 
     def __call__(self, x: Vector) -> tuple[rj.Podium, dict[str, Vector]]:
-        """Return the podium, and the derivatives d ln y/dx (n,) of every parameter y that depends on x."""
+        """Return the podium at x (n,), and name of y → derivatives d ln y/dx (n,) for every parameter y that
+        depends on x."""
         y, slope = (np.asarray(array) for array in self._values_and_slopes(jnp.asarray(x)))
         is_varied = slope.any(axis=1)
         podium = self.variables.podium(jnp.asarray(x))
@@ -65,7 +66,7 @@ class SampledTargets:
 
     - `variables`: the design variables; `targets`: all targets of the design
 
-    The attribute `targets` holds only the sampled targets, by their index among all targets.
+    The attribute `targets` maps the index of each sampled target among all targets to this target.
     """
 
     def __init__(self, variables: Variables, targets: Sequence[AbstractTarget]):
@@ -77,17 +78,17 @@ class SampledTargets:
 
     @property
     def scenes(self) -> int:
-        """Number of scenes simulated so far."""
+        """Number of scenes that all sampled targets have simulated."""
         return sum(ray_target.scenes for ray_target in self._ray_targets.values())
 
     def use_accurate(self) -> None:
-        """Switch to verification, whose margins have no allowance for the errors of the search."""
+        """Switch to verification: margins then include no allowance for the scatter between samples."""
         for ray_target in self._ray_targets.values():
             ray_target.is_verifying = True
         self._cache.clear()
 
     def at(self, x: Vector) -> Mapping[int, MarginSlope]:
-        """Return the margins and slopes at scaled variables (n,): index of the target → margin and slope."""
+        """Return index of the target → margin and slope, at scaled variables x (n,)."""
         if self._parameters is None:
             return {}
         key = np.asarray(x, float).tobytes()
@@ -100,8 +101,7 @@ class SampledTargets:
         return self._cache[key]
 
     def _create_ray_targets(self) -> dict[int, RayTarget]:
-        """Return a `RayTarget` for each sampled target. The first call draws their rays, directions in the
-        space of the random variables, for the first structure."""
+        """Return index of the target → `RayTarget`. The first call draws rays for the user's structure."""
         for k, target in self.targets.items():
             if k not in self._ray_targets:
                 assert self._first_podium is not None
@@ -122,10 +122,10 @@ class SampledTargets:
         return MarginSlope(at_podium.margin, sum(terms, np.zeros(n)))
 
     def check(self, x: Vector) -> tuple[bool, bool]:
-        """Take independent samples at a point.
+        """Take an independent sample for each target at a point that has not been sampled.
 
-        Returns whether any sample is new, and whether a new sample differs from the estimate of the search
-        by more than the scatter between two samples.
+        Returns whether a sample was taken, and whether a sample differs from the estimate of the search by
+        more than the scatter between two samples.
         """
         if self._parameters is None:
             return False, False
@@ -140,7 +140,7 @@ class SampledTargets:
         return is_new, differs
 
     def probabilities(self, x: Vector) -> SampleEstimates:
-        """Return the estimates from independent samples at a point."""
+        """Return the estimates from the independent samples that were taken at a point."""
         if self._parameters is None:
             return SampleEstimates({})
         podium, _ = self._parameters(x)

@@ -1,14 +1,15 @@
 """Sequential quadratic programming with an exact penalty, a trust region and cuts from rejected steps.
 
-The merit is max_i f_i + ν·(largest violation). The penalty of the *largest* violation is exact for finite ν.
-Where no point satisfies all margins, the merit leads to a point with the least violation.
+The merit is max_i f_i + ν·(largest violation of a margin), where f_i are the values of the objective. The
+penalty of the *largest* violation is exact for finite ν: if ν is large enough, a minimum of the merit
+satisfies the targets. If no point satisfies them, the merit leads to a point with the least violation.
 
 Responses have kinks (a later peak overtakes an earlier one) and jumps (one more impact before overturning).
-The linear models of a rejected trial are stored as cuts: if the function is the maximum of several branches,
-the cut models the branch that takes over. At the current point, cuts of the objective that exceed the
-objective are lowered to its value, and cuts of a margin that are below the margin are raised to its value.
-Cuts far from this point are dropped. Every rejected step shrinks the trust region, so a descent at a jump
-ends with the result `stalled`.
+The linear models of a rejected trial are stored as cuts: if a response is the maximum of several branches,
+the cut models the branch that takes over. If a cut of the objective exceeds the objective at the current
+point, it is lowered to the value there. If a cut of a margin is below the margin, it is raised. Cuts far from
+the current point are dropped. Every rejected step shrinks the trust region, so a descent at a jump ends with
+the result `stalled`.
 """
 
 from __future__ import annotations
@@ -24,24 +25,26 @@ from ._quadratic import Model, Step, Vector, solve
 from ._results import CONVERGED, INFEASIBLE, NOT_FINITE, OUT_OF_ITERATIONS, STALLED
 
 MAX_ITERATIONS = 60
-# Ratios of the actual to the predicted decrease of the merit: to accept a step, to enlarge the region.
+# Least ratios of the actual to the predicted decrease of the merit with which a step is accepted, and with
+# which the trust region is enlarged.
 ACCEPT_RATIO, GOOD_RATIO = 1e-3, 0.75
 LARGEST_PENALTY = 1e6  # largest penalty ν
 MAX_CUTS = 12  # largest number of stored cuts
-MAX_AXIS_SEARCHES = 4  # searches along the axes from the end of a descent
-AXIS_DISTANCES = (0.02, 0.06, 0.2, 0.5)  # distances from this end, in scaled variables
-ROUNDING = 1e-11  # smaller relative decreases of the merit are rounding errors
+MAX_AXIS_SEARCHES = 4  # largest number of searches along the axes, each from the end of a descent
+AXIS_DISTANCES = (0.02, 0.06, 0.2, 0.5)  # distances of the tried points from this end, in scaled variables
+ROUNDING = 1e-11  # relative decreases of the merit below this are taken as rounding errors
 
 
 def descend(x: Vector, settings: Settings, history: list[Iterate], start: int, first: int = 0) -> Descent:
-    """Minimise from x in [0, 1]ⁿ: a coroutine that yields points and receives their `Evaluation`s.
+    """Minimise the objective from a point: a coroutine that yields points and receives their `Evaluation`s.
 
     - `x`: first point (n,), in scaled variables; `settings`: scale, margins aimed at, stopping criteria
-    - `history`: list to which iterates are appended; `start`: index of the start, stored in iterates
+    - `history`: list to which iterates are appended; `start`: index of the starting point, for iterates
     - `first`: number of the first iteration
 
-    Returns the `End`. Responses have ripples and the feasible set may be disconnected. A descent therefore
-    searches along the axes at its end, and continues from a better point if it finds one.
+    Returns the `End`. Responses have ripples, and the set of points that satisfy the targets may be
+    disconnected. A descent therefore searches for a better point by changing one variable at a time at its
+    end, and continues from this point if it finds one.
     """
     end = yield from _descend(x, settings, history, start, first)
     for _ in range(MAX_AXIS_SEARCHES):
@@ -76,7 +79,10 @@ def _descend(x: Vector, settings: Settings, history: list[Iterate], start: int, 
 
 
 def _search_axes(end: End, settings: Settings) -> Generator[Vector, Evaluation, Vector | None]:
-    """Search along the axes for a better point; return None if there is none."""
+    """Change one variable at a time from an end, and return the best point that is better than the end.
+
+    Larger changes are tried only if no smaller one leads to a better point. Return None if none does.
+    """
     best_rank, best_point = rank(end.evaluation), None
     for distance in AXIS_DISTANCES:
         for k in range(len(end.x)):
@@ -98,10 +104,10 @@ def _search_axes(end: End, settings: Settings) -> Generator[Vector, Evaluation, 
 
 
 class _Merit(NamedTuple):
-    """Merit of a descent, with the data of its quadratic model.
+    """Weights of the merit, and the data of its quadratic model.
 
     - `curvature`: approximate Hessian of the Lagrangian (n, n); `radius`: radius of the trust region
-    - `penalty`: ν; `weight`: weight of the objective, 1, or 0 while only the violation is reduced
+    - `penalty`: ν; `weight`: weight of the objective: 1, or 0 while only the violation is reduced
     """
 
     curvature: np.ndarray
@@ -121,8 +127,8 @@ class _Trial(NamedTuple):
 class _DescentState:
     """State of one descent.
 
-    `end_or_reweight`, `advance` and the methods that they call return a result code if the descent ends, None
-    otherwise.
+    `end_or_reweight`, `advance` and some of the methods that they call return None, or a result code if the
+    descent ends.
     """
 
     def __init__(
@@ -139,14 +145,14 @@ class _DescentState:
         self.merit = _Merit(np.eye(len(x)), settings.radius, 10.0, 1.0)
         self.multipliers = np.zeros(len(current.c))
         self.cuts: EvaluatedPoints = []
-        self.is_initial = True  # the curvature is still the identity, not an update
+        self.is_initial = True  # the curvature is the identity and has not been updated
 
     def end(self, result: int) -> End:
         """Return the end of the descent at the current point."""
         return End(self.x, self.multipliers, result, self.iteration, self.current)
 
     def record(self, step: float, accepted: bool) -> None:
-        """Append an iterate to the history; `step`: largest absolute entry of the step."""
+        """Append an iterate to the history; `step` is the largest absolute entry of the step."""
         margin = float(np.min(self.current.c, initial=np.inf)) + self.settings.shift
         value = float(np.max(self.current.f)) * self.settings.scale
         radius, penalty = self.merit.radius, self.merit.penalty
@@ -182,13 +188,14 @@ class _DescentState:
 
     @property
     def is_stationary(self) -> bool:
-        """True if no step improves the merit or removes much of a violation."""
+        """True if no step decreases the merit, and none removes at least half of a violation."""
         # Where margins are steep, a step shorter than the tolerance may remove a violation.
         is_correctable = self.is_violated and self.modelled_violation <= 0.5 * self.current.violation
         return self.residual <= self.settings.tolerance and not is_correctable
 
     def end_or_reweight(self) -> int | None:
-        """Return the result of a stationary point, or change the weights of the merit and return None."""
+        """Return the result of the descent at a stationary point; or change the weights of the merit, and
+        return None."""
         merit = self.merit
         if not self.is_violated:
             self.record(0.0, False)
@@ -199,7 +206,7 @@ class _DescentState:
         if merit.weight == 0.0:
             self.record(0.0, False)
             return INFEASIBLE
-        # Stationary with a violation: the penalty is too small, or nothing nearby satisfies the targets.
+        # Stationary with a violation: the penalty is too small, or no point nearby satisfies the targets.
         if merit.penalty < LARGEST_PENALTY:
             self.merit = merit._replace(penalty=100 * merit.penalty)
         else:
@@ -230,14 +237,20 @@ class _DescentState:
         return np.maximum(-self.x, -self.merit.radius), np.minimum(1 - self.x, self.merit.radius)
 
     def reset_curvature(self) -> int | None:
-        """Reset the curvature to the identity after a failure of the solver; stall if it already is."""
+        """Reset the curvature to the identity, because the solver has failed.
+
+        Return `STALLED` if the curvature is the identity already.
+        """
         if np.array_equal(self.merit.curvature, np.eye(len(self.x))):
             return STALLED
         self.merit = self.merit._replace(curvature=np.eye(len(self.x)))
         return None
 
     def drop_distant_cuts(self) -> int | None:
-        """Drop distant cuts, because no step decreases the merit; end the descent if no cut is distant."""
+        """Drop distant cuts and shrink the trust region, because no step decreases the merit.
+
+        Return the result of the descent if no cut is distant.
+        """
         if len(self.near_points) < len(self.cuts):
             self.merit = self.merit._replace(radius=0.25 * self.merit.radius)
             self.cuts = self.near_points
@@ -245,7 +258,8 @@ class _DescentState:
         return final_result(self.current, self.residual, self.settings)
 
     def predict_decrease(self, step: Step) -> tuple[float, float]:
-        """Return the predicted decrease of the merit and a bound of its rounding error."""
+        """Return the decrease of the merit that the models predict for a step, and a bound of its rounding
+        error."""
         merit, d = self.merit, step.d
         current = self.current.merit(merit.weight, merit.penalty)
         quadratic_term = 0.5 * float(d @ merit.curvature @ d)
@@ -253,7 +267,12 @@ class _DescentState:
         return current - modelled, ROUNDING * max(1.0, abs(current))
 
     def decrease_ratio(self, evaluation: Evaluation, predicted: float, rounding: float) -> float:
-        """Return the actual decrease of the merit divided by the predicted one."""
+        """Return the actual decrease of the merit divided by the predicted one; −inf if a trial point is not
+        finite.
+
+        - `evaluation`: evaluation of the trial point
+        - `predicted`, `rounding`: as `predict_decrease` returns them
+        """
         if not evaluation.is_finite:
             return -np.inf
         weights = self.merit.weight, self.merit.penalty
@@ -262,7 +281,8 @@ class _DescentState:
     def try_step(
         self, step: Step, predicted: float, rounding: float
     ) -> Generator[Vector, Evaluation, _Trial]:
-        """Try a step; if it violates the margins by more than modelled, try a second-order correction."""
+        """Try a step. If it is not acceptable and violates the margins by more than the models predict, try a
+        second-order correction of the step."""
         d = step.d
         x = np.clip(self.x + d, 0.0, 1.0)
         evaluation = scale_evaluation((yield x), self.settings)
@@ -270,7 +290,7 @@ class _DescentState:
         exceeds_model = evaluation.violation > step.violation + self.settings.accepted_violation
         if not (evaluation.is_finite and trial.ratio < ACCEPT_RATIO and exceeds_model):
             return trial
-        # Second-order correction: shift the models by their error at the trial point.
+        # Second-order correction: shift the models of the margins by their error at the trial point.
         shifted = self.model._replace(c=self.model.c.copy())
         shifted.c[: len(evaluation.c)] = evaluation.c - self.current.c_slope @ d
         merit = self.merit
@@ -303,7 +323,10 @@ class _DescentState:
         self.x, self.current = trial.x, trial.evaluation
 
     def reject(self, trial: _Trial, step_size: float) -> int | None:
-        """Store the trial point as a cut and shrink the region; end the descent if the region is tiny."""
+        """Store the trial point as a cut and shrink the trust region.
+
+        Return the result of the descent if the region is then smaller than a tenth of the tolerance.
+        """
         if trial.evaluation.is_finite:
             self.cuts.append((trial.x, trial.evaluation))
         self.merit = self.merit._replace(radius=(0.5 if trial.ratio > -1 else 0.25) * step_size)
@@ -318,8 +341,9 @@ def _step_and_penalty(
 ) -> tuple[Step | None, float]:
     """Return a step and the penalty with which it was computed.
 
-    The penalty is raised until the step removes 30 % of the violation that a step can remove, or all of it
-    if a step can satisfy the modelled margins.
+    The penalty is raised, up to `LARGEST_PENALTY`, until the step removes 30 % of the violation that a step
+    within its bounds can remove, or all of the violation if a step can satisfy the modelled margins. The step
+    is None if the solver fails.
 
     - `model`: linear models around the current point; `current`: evaluation at this point
     - `merit`: merit with its curvature, weight and present penalty
@@ -342,18 +366,23 @@ def _step_and_penalty(
 
 
 def _lagrangian_slope(trial: Evaluation, step: Step, current: Evaluation) -> Vector:
-    """Return the gradient of the Lagrangian at `trial`, with the multipliers of `step`."""
+    """Return the gradient of the Lagrangian at `trial`, with the multipliers of `step`.
+
+    The first multipliers, as many as `current` has values and margins, belong to the models built at the
+    current point; those of cuts are left out.
+    """
     k, m = len(current.f), len(current.c)
     return step.value_multipliers[:k] @ trial.f_slope - step.margin_multipliers[:m] @ trial.c_slope
 
 
 def _update_bfgs(B: np.ndarray, s: Vector, y: Vector, is_initial: bool) -> tuple[np.ndarray, bool]:
-    """Return Powell's damped BFGS update of B, and whether it resets B to the identity.
+    """Return Powell's damped BFGS update of B, and True if B was reset to the identity instead.
 
-    - `B`: curvature (n, n), positive definite; `s`: step (n,); `y`: change of the Lagrangian's slope (n,)
-    - `is_initial`: whether B is still the identity, which is then scaled before the update
+    - `B`: curvature (n, n), positive definite; `s`: step (n,); `y`: change of the gradient of the Lagrangian
+      (n,)
+    - `is_initial`: whether B is the identity and has not been updated; it is then scaled before the update
 
-    Eigenvalues are limited to [1e-4, 1e4], because the slope jumps at kinks.
+    Eigenvalues are limited to [1e-4, 1e4], because the gradient jumps at kinks.
     """
     if is_initial and s @ y > 0:
         B = np.clip(s @ y / (s @ s), 1e-2, 1e2) * np.eye(len(s))

@@ -1,9 +1,11 @@
-"""Searches with motions drawn anew in every step (fresh samples).
+"""Searches for a design with motions that are drawn anew in every step (fresh samples).
 
-The search from a starting point (start) ends at the mean of the second half of its gradient steps
-(Polyak–Ruppert averaging). Small batches bias this mean. An independent sample at the mean shows the bias. If
-it violates a target, the violation and an allowance for the scatter between two samples are added to the
-margins aimed at. A shorter search then continues from the mean. A new independent sample follows each search.
+The search from a starting point (start) ends at the mean of the points of the second half of its gradient
+steps (Polyak–Ruppert averaging). Small batches bias this mean. An independent sample at the mean shows the
+bias. If the sample violates a target, the violation and an allowance for the scatter between two samples are
+added to the margin that the search aims at. If a margin after the first search is larger than needed, the
+margin aimed at is reduced. A shorter search then continues from the mean. A new independent sample follows
+each search.
 """
 
 from __future__ import annotations
@@ -26,10 +28,10 @@ if TYPE_CHECKING:
     import optax
 
 MAX_ITERATIONS = 300
-MAX_CORRECTIONS = 3  # further searches after the first
+MAX_CORRECTIONS = 3  # largest number of further searches after the first
 STEPS_DIVISOR = 4  # a further search has max_iterations/STEPS_DIVISOR steps
-SAFETY_FACTOR = 1.645 * np.sqrt(2)  # allowance in standard errors; covers 95 % of further samples
-EXACT_PENALTY = 1e4  # penalty of violations in the computation of multipliers
+SAFETY_FACTOR = 1.645 * np.sqrt(2)  # allowance in standard errors that 95 % of further samples do not exceed
+EXACT_PENALTY = 1e4  # penalty of violations when multipliers are computed
 
 
 class FreshSearch:
@@ -58,7 +60,9 @@ class FreshSearch:
     def run(self) -> bool:
         """Run the search and return whether it was interrupted.
 
-        Starts of an interrupted search end at the mean of their last steps so far.
+        If the search is interrupted, every start ends at the mean of the points in the second half of its
+        latest steps, as far as it has taken these steps. Raises `rockjax.Interrupted` if the first evaluation
+        is interrupted.
         """
         try:
             first = self.evaluate(self.x)
@@ -83,12 +87,13 @@ class FreshSearch:
         return self.is_interrupted
 
     def take_steps(self, steps: int, active: np.ndarray) -> None:
-        """Take gradient steps with the starts for which `active` is True, and move to their means."""
+        """Take gradient steps with the starts for which `active` (s,) is True, and move every start to its
+        mean."""
         self.gradient_steps.take_steps(steps, active)
         self.move_to_means()
 
     def move_to_means(self) -> None:
-        """Move every start to the mean of its last steps."""
+        """Move every start to the mean of the points in `GradientSteps.last_steps`, if there are any."""
         pairs = zip(self.gradient_steps.x, self.gradient_steps.last_steps, strict=True)
         self.x = np.stack(
             [np.mean([y for y, _ in last_steps], axis=0) if last_steps else x for x, last_steps in pairs]
@@ -96,7 +101,8 @@ class FreshSearch:
         self.gradient_steps.x = self.x
 
     def verify(self) -> None:
-        """Evaluate the means: accurately for fixed motions, by a new independent sample for fresh ones."""
+        """Evaluate the means: targets on fixed motions with the tolerances of the verification, targets with
+        fresh samples in a new independent sample."""
         self.evaluate.is_accurate = True
         exact = self.evaluate(self.x)
         self.evaluate.is_accurate = False
@@ -107,18 +113,18 @@ class FreshSearch:
 
     @property
     def margin_offsets(self) -> np.ndarray:
-        """Index of the first margin of each target, then the number of margins, (targets + 1,)."""
+        """Index of the first margin of each target and, as the last entry, the number of all margins."""
         return np.cumsum([0, *self.evaluate.margin_counts])
 
     def _with_estimates(self, evaluation: Evaluation, estimates: dict[int, MarginEstimate]) -> Evaluation:
-        """Return an evaluation with the margins of targets with fresh samples replaced by their estimates."""
+        """Return an evaluation in which `estimates` replace the margins of targets with fresh samples."""
         c, offsets = evaluation.c.copy(), self.margin_offsets
         for index, estimate in estimates.items():
             c[offsets[index] : offsets[index + 1]] = estimate.margins
         return evaluation._replace(c=c)
 
     def errors(self, k: int) -> Vector:
-        """Return the standard errors (m,) of the margins of a start; 0 for targets with fixed motions.
+        """Return the standard errors (m,) of the margins at start k; 0 for targets with fixed motions.
 
         The errors combine the scatter of the independent sample and the scatter of the last steps.
         """
@@ -138,8 +144,9 @@ class FreshSearch:
     def shift_margins(self, is_first: bool) -> np.ndarray:
         """Correct the margins aimed at, using the independent sample; return which starts continue (s,).
 
-        Violated margins are corrected. After the first search, margins of active targets that exceed twice
-        the allowance are corrected as well.
+        The correction leads to a margin equal to the allowance, `SAFETY_FACTOR` standard errors. It applies
+        to violated margins and, after the first search, to margins that exceed twice the allowance although
+        they limit the design (those with multipliers).
         """
         continuing, steps = np.zeros(len(self.x), bool), self.gradient_steps
         for k, evaluation in enumerate(self.evaluations):
@@ -157,7 +164,7 @@ class FreshSearch:
         return len(self.gradient_steps.history)
 
     def end(self, k: int) -> End:
-        """Return the end of a start, with multipliers from the mean slopes of its last steps."""
+        """Return the end of start k, with multipliers from the mean slopes of its last steps."""
         evaluation, steps = self.evaluations[k], self.gradient_steps
         last_steps = steps.last_steps[k]
         count = sum(row.start == k for row in steps.history)
@@ -184,6 +191,6 @@ class FreshSearch:
         )
 
     def estimate_samples(self, x: Vector) -> SampleEstimates:
-        """Return the standard errors of the last independent sample at the end of a start."""
+        """Return the standard errors of the last independent sample at x (n,), the end of a start."""
         k = int(np.argmin(np.abs(self.x - x).max(axis=1)))
         return SampleEstimates({}, {index: estimate.errors for index, estimate in self.estimates[k].items()})

@@ -22,10 +22,11 @@ Values = Float[Array, " k"]
 
 
 class Suite(Module):
-    """Ground motions of any types, in groups that are simulated by one compiled loop each.
+    """Ground motions of any types, in groups. One compiled loop simulates each group.
 
-    - `groups`: all records in one group; other motions grouped by type and shape
-    - `order`: for each motion, its index when the groups are concatenated
+    - `groups`: the records in one group (after `merged_with`, in one group for each suite with records); the
+      other motions grouped by type and shape
+    - `order`: for each motion, its index in the concatenated groups
     - `fresh_samples`: source of the motions if they are drawn anew in every step of a search for a design,
       otherwise None
     """
@@ -40,8 +41,8 @@ class Suite(Module):
     ) -> Suite:
         """Return a suite of motions.
 
-        - `excitations`: a motion, several motions, or fresh samples, whose first batch is used
-        - `owner`, `name`: function and argument that error messages name
+        - `excitations`: a motion, several motions, or fresh samples, of which the batch of step 0 is used
+        - `owner`, `name`: class or function, and its argument, for error messages
 
         Raises `ValueError` for an empty set and for members that are not ground motions.
         """
@@ -64,7 +65,7 @@ class Suite(Module):
         return len(self.order)
 
     def merged_with(self, other: Suite) -> Suite:
-        """Return a suite of the motions of this suite and then of `other`."""
+        """Return a suite that contains the motions of this suite, followed by those of `other`."""
         groups, indices = list(self.groups), [list(group) for group in self._indices()]
         for group, other_indices in zip(other.groups, other._indices(), strict=True):
             k = next((k for k, existing in enumerate(groups) if _can_merge(existing, group)), len(groups))
@@ -106,7 +107,7 @@ class Suite(Module):
         )
 
     def with_records(self, records: rj.Records) -> Suite:
-        """Return the suite with another batch of fresh samples."""
+        """Return a suite with another batch of fresh samples, `records`, as fixed motions."""
         return Suite((records,), self.order)
 
     def responses(self, podium: rj.Podium, options: rj.Options, outputs: tuple[Any, ...]) -> rj.Peak:
@@ -127,10 +128,12 @@ class Suite(Module):
     def peaks(
         self, podium: rj.Podium, options: rj.Options, outputs: tuple[Any, ...], names: tuple[str, ...]
     ) -> dict[str, np.ndarray]:
-        """Simulate all motions on all cores; return name → values. Call it outside jit and grad.
+        """Simulate all motions on all cores; outside jit and grad. Return name → values, in the order of the
+        motions.
 
         - `podium`: the structure; `options`: options of the simulations
-        - `outputs`: the requested outputs, as in `rockjax.Options`; `names`: names of the values
+        - `outputs`: the requested outputs, as in `rockjax.Options`; they replace those of `options`
+        - `names`: names of the attributes of `rockjax.Peak` to return
         """
         options = options.replace(outputs=outputs, throw=False)
         peaks = [rj.peak_responses(podium, group, options=options) for group in self.groups]
@@ -143,7 +146,7 @@ class Suite(Module):
 
 
 def has_answer(peaks: AbstractPeak) -> Bool[Array, "*batch"]:
-    """Return whether each scene settled, reached its end or overturned."""
+    """Return whether each scene finished: it settled, reached its end time or overturned."""
     has_ended = (peaks.result == rj.RESULTS.settled) | (peaks.result == rj.RESULTS.end_of_time)
     return has_ended | peaks.overturned
 
@@ -158,7 +161,7 @@ def _order(indices: list[list[int]]) -> tuple[int, ...]:
 
 
 def _stack_motions(motions: list[Any]) -> rj.AbstractExcitation:
-    """Stack the arrays of motions of one type along a new first axis; records become a table."""
+    """Stack the arrays of motions of one type along a new first axis; records become a `rockjax.Records`."""
     if isinstance(motions[0], rj.Record):
         table = rj.Records.of(motions)
         return table.scaled(np.ones(len(table)))
@@ -166,7 +169,8 @@ def _stack_motions(motions: list[Any]) -> rj.AbstractExcitation:
 
 
 def _vmap_axes(group: rj.AbstractExcitation) -> Any:
-    """Return the vmap axes of a group. Records share one table, so only `which` and `scale` are mapped."""
+    """Return the axes of a group for `jax.vmap`. Records share one table of samples, so only their fields
+    `which` and `scale` have an axis of motions."""
     if not isinstance(group, rj.Records):
         return 0
     unmapped = jax.tree.map(lambda _: None, group)

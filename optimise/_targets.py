@@ -1,8 +1,8 @@
-"""Targets of a design, with margins that are ≥ 0 where the target holds.
+"""Targets of a design: base classes, and targets on overturning.
 
-A margin is dimensionless and differentiable; near 0 it is the relative distance to the limit. The overturning
-margin of a scene (one structure under one motion) is positive if the columns survive, negative if they
-overturn.
+A target holds where its margins are ≥ 0. A margin is dimensionless and differentiable; for most targets it is
+the relative distance to the limit, at least near 0. The overturning margin of a scene (one structure under
+one motion) is positive if the columns survive, negative if they overturn.
 """
 
 from __future__ import annotations
@@ -27,24 +27,31 @@ from ._suite import Suite, Values
 Name = str | None
 SearchedTarget = TypeVar("SearchedTarget", bound="AbstractTarget")
 
-WIDTH_WHILE_SEARCHING = 1e-3  # smallest width during a search; verification uses the width of the target
+# Least `width` of a target while a design is searched; verification uses the target's own `width`.
+WIDTH_WHILE_SEARCHING = 1e-3
 
 
 class AbstractTarget(Module):
-    """Base class of targets. `name`: name in reports; None for `describe()`."""
+    """Base class of targets. `name` is the name in reports; if it is None, reports use `describe()`."""
 
     name: eqx.AbstractVar[Name]
 
     @abc.abstractmethod
     def margins(self, podium: rj.Podium, options: rj.Options) -> Values:
-        """Return the margins (k,) at a podium, ≥ 0 where the target holds [–]; traceable, differentiable."""
+        """Return the margins (k,) of a podium [–], which are ≥ 0 where the target holds.
+
+        - `podium`: the structure; `options`: options of the simulations
+
+        Unless a class says otherwise, the method can be traced and differentiated by JAX.
+        """
 
     @abc.abstractmethod
     def describe(self) -> str:
         """Return a description of the target, which is also its default name."""
 
     def while_searching(self) -> Self:
-        """Return a target with the same pytree structure that is cheaper to evaluate during a search."""
+        """Return a target that is cheaper to evaluate during a search, with the same pytree structure; by
+        default this target itself."""
         return self
 
     @property
@@ -54,17 +61,22 @@ class AbstractTarget(Module):
 
 
 class AbstractResponses(Module):
-    """Base class of targets and objectives computed from peak responses. Targets and objectives with equal
-    suites share their simulations."""
+    """Base class of targets and objectives that are computed from peak responses to a suite of motions.
+    Targets and objectives with equal suites share their simulations."""
 
     suite: eqx.AbstractVar[Suite]
     outputs: ClassVar[Any]  # required outputs, a tuple as in `rockjax.Options`
-    until_overturning: ClassVar[bool] = False  # whether peaks cover only the time until overturning
+    # Whether `outputs` are peaks that underestimate the response if the columns overturn, because they cover
+    # only the time until overturning.
+    until_overturning: ClassVar[bool] = False
 
     @abc.abstractmethod
     def read(self, peaks: rj.Peak, options: rj.Options) -> Values:
-        """Return the margins of a target, or the values of an objective, (k,), from responses with
-        `outputs`."""
+        """Return the margins (k,) of a target, or the values (k,) of an objective.
+
+        - `peaks`: responses to all motions of the suite, with `outputs`
+        - `options`: options of the simulations
+        """
 
 
 class AbstractResponseTarget(AbstractTarget, AbstractResponses):
@@ -79,19 +91,23 @@ class AbstractResponseTarget(AbstractTarget, AbstractResponses):
 
 
 def severity(peaks: rj.Peak, options: rj.Options) -> Values:
-    """Return max|θ|/α [–]; where the columns overturn, overturn_ratio − M, where M < 0 is the overturning
-    margin. This value increases with the speed of the fall."""
+    """Return max|θ|/α [–] or, if the columns overturn, overturn_ratio − M.
+
+    M < 0 is the overturning margin, so this value increases with the speed of the fall.
+    """
     return jnp.where(peaks.overturned, options.overturn_ratio - peaks.margin, peaks.peak_rotation)
 
 
 def check_limit(owner: str, name: str, value, below: float = np.inf) -> None:
-    """Raise `ValueError` unless all values are known numbers, finite, > 0 and < `below`.
+    """Raise `ValueError` unless all values are finite, > 0 and < `below`, and JAX does not trace them.
 
-    - `owner`, `name`: class and argument, for the error
+    - `owner`, `name`: class and argument, for the error message
     - `value`: number or array; `below`: exclusive upper limit
     """
     if isinstance(value, Tracer):
-        raise ValueError(f"{owner}: {name} must be a number, not a traced value; make the target outside jit")
+        raise ValueError(
+            f"{owner}: {name} must be a number, not a traced value; create the {owner} outside jit and grad"
+        )
     accepted = "> 0" if below == np.inf else f"in (0, {below:g})"
     require(owner, name, value, lambda v: (v > 0) & (v < below), f"finite and {accepted}")
 
@@ -99,7 +115,7 @@ def check_limit(owner: str, name: str, value, below: float = np.inf) -> None:
 class NoOverturning(AbstractResponseTarget):
     """No motion overturns the columns. The margin is the overturning margin M.
 
-    - `excitations`: a motion or a list of them; `name`: name in reports
+    - `excitations`: a motion or a list of motions; `name`: name in reports, None for a description
     """
 
     suite: Suite
@@ -119,14 +135,20 @@ class NoOverturning(AbstractResponseTarget):
 class OverturningAcceleration(AbstractTarget):
     """Pulses need at least the amplitude `at_least` to overturn the columns: a_ov ≥ at_least.
 
-    - `at_least`: > 0 [m/s²], or [g tan α] with `ratio=True`
-    - `pulse`: class of the pulse, such as `rockjax.Ricker`; `T_p`: one or several periods, > 0 [s]
-    - `max_acceleration_ratio`: largest searched amplitude [g tan α], above `at_least`; if no searched
-      amplitude overturns, a_ov is this amplitude, a constant
-    - `width`: verification finds every overturning window below a_ov that is wider than this fraction of the
-      searched range [–]
+    a_ov is the least amplitude of a pulse that overturns the columns.
 
-    The margin is a_ov/at_least − 1 for every period. Raises `ValueError` for arguments out of range.
+    - `at_least`: > 0 [m/s²], or in units of g tan α [–] if `ratio` is True
+    - `pulse`: class of the pulse, such as `rockjax.Ricker`; `T_p`: one or several periods, > 0 [s]
+    - `ratio`: whether `at_least` is in units of g tan α
+    - `max_acceleration_ratio`: largest searched amplitude, in units of g tan α, > 0 [–]; it must exceed the
+      amplitude `at_least`. If no searched amplitude overturns the columns, a_ov is the largest searched
+      amplitude, with zero derivatives
+    - `width`: in (0, 0.1); verification misses an interval of overturning amplitudes below the computed a_ov
+      only if it is narrower than `width` times the largest searched amplitude [–]
+    - `name`: name in reports; None for a description
+
+    The margin is a_ov/at_least − 1 for every period. Raises `ValueError` for arguments out of range; if
+    `ratio` is False, a `max_acceleration_ratio` that is too small is not detected.
     """
 
     at_least: Any
@@ -210,8 +232,10 @@ def _with_coarse_width(target: SearchedTarget) -> SearchedTarget:
 class AbstractScaleTarget(AbstractTarget):
     """Base class of targets on overturning scales, the least factors with which motions overturn the columns.
 
-    `accepts_fresh_samples`: whether the target depends on the distribution of the scales, so that its
-    suite may be `FreshSamples`.
+    - `max_scale`: largest searched scale; `width`: resolution of the search, as in `OverturningScale`
+    - `suite`: the motions
+    - `accepts_fresh_samples`: whether the target depends only on the distribution of the scales, and not on
+      single motions; its suite may then be `FreshSamples`
     """
 
     max_scale: eqx.AbstractVar[Any]
@@ -221,7 +245,7 @@ class AbstractScaleTarget(AbstractTarget):
 
     @abc.abstractmethod
     def margins_of_scales(self, scales: Float[Array, " k"]) -> Values:
-        """Return the margins from overturning scales (k,), which are inf where they exceed `max_scale`."""
+        """Return the margins for overturning scales (k,); a scale that exceeds `max_scale` is inf."""
 
     def margins(self, podium: rj.Podium, options: rj.Options) -> Values:
         return self.margins_of_scales(self.least_scales(podium, options))
@@ -230,7 +254,7 @@ class AbstractScaleTarget(AbstractTarget):
         return _with_coarse_width(self)
 
     def least_scales(self, podium: rj.Podium, options: rj.Options) -> Float[Array, " k"]:
-        """Return the overturning scales (k,) of the motions, inf where they exceed `max_scale`."""
+        """Return the overturning scales (k,) of the motions; a scale that exceeds `max_scale` is inf."""
 
         def least_scale(motion):
             return rj.overturning_scale(
@@ -245,9 +269,9 @@ class AbstractScaleTarget(AbstractTarget):
 
 
 def _scale_range(owner: str, at_least, max_scale, width) -> tuple[float, float]:
-    """Return `at_least` and `max_scale`, by default 3 times `at_least`.
+    """Return `at_least` and `max_scale` as floats; a `max_scale` of None becomes 3 times `at_least`.
 
-    - `owner`: class that error messages name
+    - `owner`: class, for error messages
     - `at_least`, `max_scale`, `width`: as for `OverturningScale`
 
     Raises `ValueError` for values out of range.
@@ -266,12 +290,17 @@ def _scale_range(owner: str, at_least, max_scale, width) -> tuple[float, float]:
 class OverturningScale(AbstractScaleTarget):
     """Every motion must be scaled by at least `at_least` to overturn the columns.
 
-    - `at_least`: > 0 [–]; `excitations`: a motion or a list of them (records, pulses, wavelets)
-    - `max_scale`: largest searched factor, by default 3 times `at_least` [–]; if no searched factor
-      overturns, the scale is `max_scale`, a constant
-    - `width`: verification finds every overturning window wider than this fraction of `max_scale` [–]
+    The overturning scale of a motion is the least factor with which it overturns the columns.
 
-    The margin is scale/at_least − 1 for every motion. Raises `ValueError` for arguments out of range.
+    - `at_least`: > 0 [–]; `excitations`: a motion or a list of motions (records, pulses, wavelets)
+    - `max_scale`: largest searched factor, > `at_least`; None for 3 times `at_least` [–]. If no searched
+      factor on a motion overturns the columns, its overturning scale is `max_scale`, with zero derivatives
+    - `width`: in (0, 0.1); verification misses an interval of overturning factors below the computed
+      overturning scale only if it is narrower than `width` times `max_scale` [–]
+    - `name`: name in reports; None for a description
+
+    The margin is (overturning scale)/at_least − 1 for every motion. Raises `ValueError` for arguments out of
+    range.
     """
 
     at_least: Any
@@ -295,16 +324,18 @@ class OverturningScale(AbstractScaleTarget):
 
 
 class MedianCapacity(AbstractScaleTarget):
-    """The median scale with which the motions of a suite overturn the columns is at least `at_least`.
+    """The median of the scales with which the motions of a suite overturn the columns is at least `at_least`.
 
     - `at_least`: > 0 [–]; `suite`: two motions or more, or `FreshSamples`
-    - `max_scale`: largest searched factor, by default 3 times `at_least` [–]; of a motion that does not
-      overturn the columns up to `max_scale`, the fit uses only this fact
-    - `width`: verification finds every overturning window wider than this fraction of `max_scale` [–]
+    - `max_scale`: largest searched factor, > `at_least`; None for 3 times `at_least` [–]. For a motion that
+      does not overturn the columns up to `max_scale`, the fit uses only that its overturning scale is larger
+    - `width`: as for [`optimise.OverturningScale`][]
+    - `name`: name in reports; None for a description
 
-    The median belongs to a lognormal distribution fitted by maximum likelihood, as in
-    [`rockjax.fragility`][]. If fewer than two motions overturn the columns, the median is `max_scale`,
-    a constant. The margin is median/at_least − 1. Raises `ValueError` for arguments out of range.
+    The median belongs to the lognormal distribution fitted to the overturning scales by maximum likelihood,
+    as in [`rockjax.fragility`][]. If no distribution can be fitted, for example because fewer than two
+    motions overturn the columns, the median is replaced by `max_scale`, with zero derivatives. The margin is
+    median/at_least − 1. Raises `ValueError` for arguments out of range.
     """
 
     at_least: Any
@@ -330,15 +361,20 @@ class MedianCapacity(AbstractScaleTarget):
 
 
 class OverturningProbability(AbstractResponseTarget):
-    """At a given intensity at most the fraction `at_most` of a suite overturns the columns.
+    """At most the fraction `at_most` of the motions of a suite overturns the columns.
 
-    - `at_most`: 0 < at_most < 1 [–]; `suite`: the motions; `intensity`: factor on all motions, > 0 [–]
-    - `smoothing`: bandwidth h > 0 of the smoothed probability P = mean Φ(−M/h) over overturning margins M [–]
+    - `at_most`: 0 < at_most < 1 [–]; `suite`: a motion or a list of motions
+    - `intensity`: factor on all motions, > 0 [–]
+    - `smoothing`: bandwidth h > 0 of the smoothed probability P [–]
+    - `name`: name in reports; None for a description
 
-    The overturned fraction of n motions jumps by 1/n and has no useful derivative; P is smooth. The margin is
-    the number m for which mean Φ((m − M)/h) = at_most. It has the sign of at_most − P, and its derivative is
-    useful even where P is almost 0 or 1. Motions with |M| < h bias P; `exact` counts overturned scenes
-    instead. Raises `ValueError` for arguments out of range.
+    The fraction of n motions that overturns the columns jumps by 1/n and has no useful derivative. The target
+    therefore limits the smooth probability P, the mean of Φ(−M/h) over the motions, with the overturning
+    margins M and the standard normal distribution function Φ. The margin of the target is the number m with
+    which the mean of Φ((m − M)/h) is `at_most`. It has the sign of at_most − P, and its derivative is useful
+    even where P is almost 0 or 1. In P, a motion with |M| below about 2h counts partly as overturning and
+    partly as surviving; `exact` counts overturned scenes instead. Raises `ValueError` for arguments out of
+    range.
     """
 
     at_most: Any
@@ -358,30 +394,34 @@ class OverturningProbability(AbstractResponseTarget):
         return _smoothed_quantile(peaks.margin, self.at_most, self.smoothing)[None]
 
     def smoothed(self, podium: rj.Podium, options: rj.Options = rj.Options()) -> float:
-        """Return P = mean Φ(−M/h) at a podium [–]; outside jit."""
+        """Return the smoothed probability P of a podium [–]; outside jit."""
         return float(jnp.mean(norm.cdf(-self.suite.overturning_margins(podium, options) / self.smoothing)))
 
     def exact(self, podium: rj.Podium, options: rj.Options = rj.Options()) -> float:
-        """Return the fraction of the suite that overturns a podium [–]; outside jit."""
+        """Return the fraction of the motions that overturns a podium [–]; outside jit."""
         return float(np.mean(self.suite.overturning_margins(podium, options) < 0))
 
     def describe(self) -> str:
         return f"overturning probability ≤ {self.at_most:g} (h = {self.smoothing:g})"
 
 
-def _smoothed_quantile(values: Values, share, width) -> Float[Array, ""]:
-    """Solve mean Φ((m − values)/width) = share for m; differentiable by the implicit function theorem."""
+def _smoothed_quantile(values: Values, share, bandwidth) -> Float[Array, ""]:
+    """Return the number m with which the mean of Φ((m − values)/bandwidth) is `share`.
+
+    Derivatives follow from the implicit function theorem.
+    """
     constant = jax.lax.stop_gradient(values)
 
     def halve(_, bracket):
         low, high = bracket
         middle = 0.5 * (low + high)
-        is_below = jnp.mean(norm.cdf((middle - constant) / width)) < share
+        is_below = jnp.mean(norm.cdf((middle - constant) / bandwidth)) < share
         return jnp.where(is_below, middle, low), jnp.where(is_below, high, middle)
 
-    half_width = -width * norm.ppf(jnp.minimum(share, 1 - share))
-    bracket = (jnp.min(constant) - half_width, jnp.max(constant) + half_width)
+    # The root lies between the quantiles of the least and of the largest value alone.
+    reach = -bandwidth * norm.ppf(jnp.minimum(share, 1 - share))
+    bracket = (jnp.min(constant) - reach, jnp.max(constant) + reach)
     root = jax.lax.stop_gradient(jax.lax.fori_loop(0, 60, halve, bracket)[1])
-    weights = norm.pdf((root - constant) / width)
+    weights = norm.pdf((root - constant) / bandwidth)
     weights = weights / jnp.sum(weights)
     return root + jnp.sum(jax.lax.stop_gradient(weights) * (values - constant))

@@ -1,4 +1,4 @@
-"""Design variables: parameters of a podium, or dimensions and masses, scaled to [0, 1].
+"""Design variables: parameters of a podium, or dimensions and masses, scaled to [0, 1] between their bounds.
 
 Unscaled values are in the unit of the parameter, such as m or rad.
 """
@@ -27,11 +27,11 @@ from rockjax._text.representations import format_call, format_html
 from rockjax._units import STANDARD_GRAVITY
 from rockjax.internal import DIMENSIONS, Module, array_module, as_float, displayed, find_parameter
 
-LOG_RATIO = 10.0  # positive ranges with highest/lowest above this ratio are scaled logarithmically
+LOG_RATIO = 10.0  # a positive range is scaled logarithmically if highest/lowest is above this ratio
 
 
 def _row(values: Any, name: str) -> Any:
-    """Return a row of dimensions, one per story or column, as an array (n,); None stays None."""
+    """Return dimensions of all stories or columns (a row) as an array (n,); None stays None."""
     return None if values is None else as_float(values, f"Dimensions: {name}")
 
 
@@ -42,22 +42,25 @@ class Dimensions(Module):
     - `column_mass`: mass m_c of one column [kg]; `beam_mass`: mass m_b of the beam [kg]; `top_mass`: mass m_t
       of the superstructure [kg]
     - `columns`: number of columns N, by default the number of `positions`, or 2 without positions
-    - `period`, `damping`: T_s [s] and ζ [–] of the superstructure; a top mass with `period=None` is rigid
+    - `period`, `damping`: period T_s [s] and damping ratio ζ [–] of the superstructure; a superstructure
+      given by `top_mass` is rigid if `period` is None
     - `lam`, `restitution`, `g`: as in `rockjax.Podium`
     - `tendon_force`: initial force P₀ of the tendon of each column [N]; `tendon_stiffness`: stiffness K of
       the tendon [N/m]
     - `damper_coefficient`: coefficient C of the damper of each column [N(s/m)^ν]; `damper_exponent`: exponent
       ν of the damper [–]
     - `inertance`: inertance b of the inerter of each column [kg]. Tendon, damper and inerter span both joints
-    - `stories`: number of stories of a building with equal stories, otherwise None
+      of the column, from the ground to the beam
+    - `stories`: number of stories of a building with equal stories; None for other structures
     - `story_masses`: masses of the floors [kg]; `story_stiffnesses`: stiffnesses of the stories [N/m];
       `story_heights`: heights of the stories [m]
-    - `modes`: number of modes of the building in the model; None means all
+    - `modes`: number of modes of the building in the model; None for all
     - `positions`: positions of the columns along the motion [m]; `beam_depth`, `top_height`,
       `residual_height`: as in `rockjax.Podium.from_dimensions` [m]
     - `end_radius`: radius of round ends of the columns [m]
 
-    Design variables of a building are `story_mass_1`, `story_stiffness_2` …, numbered from the bottom.
+    The names of design variables of a building end with the number of the story, counted from the bottom:
+    `story_mass_1`, `story_stiffness_2` ….
 
     Raises `ValueError` for values that do not define a podium.
     """
@@ -133,7 +136,7 @@ def _without_unit_warnings() -> Iterator[None]:
 class Variables(Module):
     """The varied parameters of a structure, scaled to x in [0, 1]ⁿ.
 
-    - `base`: the structure, which provides all parameters that are not varied
+    - `base`: the structure, from which all other parameters are taken
     - `lower`, `upper`: unscaled bounds (n,); `names`: names of the variables, in the order of x
     - `logarithmic`: for each variable, whether it is scaled by its logarithm
     """
@@ -146,22 +149,23 @@ class Variables(Module):
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Units of the variables, "–" for ratios."""
+        """Units of the variables; "–" for ratios."""
         return tuple(displayed(parameter(self.base, name).unit) for name in self.names)
 
     def values(self, x: Float[Array, " n"] | np.ndarray) -> Float[Array, " n"]:
-        """Return the unscaled variables (n,); x = 0 and x = 1 give exactly the bounds."""
+        """Return the unscaled variables (n,) at x; the entries 0 and 1 of x give exactly the bounds."""
         is_log, xp = np.asarray(self.logarithmic), array_module(self, x)
         lower, upper = xp.asarray(self.lower), xp.asarray(self.upper)
         log_lower, log_upper = (xp.log(xp.where(is_log, bound, 1.0)) for bound in (lower, upper))
         exponential = xp.exp(log_lower * (1 - x) + log_upper * x)
         values = xp.where(is_log, exponential, lower * (1 - x) + upper * x)
-        # Rounding may move values out of the bounds. Differentiating the clip would halve slopes at a bound.
+        # Rounding may move values out of the bounds. The clip is not differentiated, because this would halve
+        # slopes at a bound.
         clipped = xp.clip(values, lower, upper)
         return clipped if xp is np else values + jax.lax.stop_gradient(clipped - values)
 
     def scaled(self, values: Float[Array, " n"]) -> Float[Array, " n"]:
-        """Return the scaled variables (n,) of unscaled values, which are clipped to the bounds."""
+        """Return the scaled variables (n,) of unscaled values (n,), which are first clipped to the bounds."""
         is_log, xp = np.asarray(self.logarithmic), array_module(self, values)
         lower, upper = xp.asarray(self.lower), xp.asarray(self.upper)
         values = xp.clip(values, lower, upper)
@@ -170,12 +174,12 @@ class Variables(Module):
         return xp.where(is_log, logs - log_lower, values - lower) / span
 
     def structure(self, x: Float[Array, " n"] | np.ndarray) -> Structure:
-        """Return the structure at scaled variables, in the form of `base`."""
+        """Return the structure at scaled variables x, of the same type as `base`."""
         values = self.values(x)
         return with_variables(self.base, {name: values[k] for k, name in enumerate(self.names)})
 
     def podium(self, x: Float[Array, " n"] | np.ndarray) -> rj.Podium:
-        """Return the podium at scaled variables."""
+        """Return the podium at scaled variables x."""
         return as_podium(self.structure(x))
 
     def start(self) -> Float[Array, " n"]:
@@ -192,8 +196,8 @@ def make_variables(
     - `base`: the structure; `vary`: name → (lowest, highest), unscaled
     - `owner`: name of the public function, for error messages
 
-    Raises `ValueError` for unknown names, for two names of the same quantity, and for bounds that are not a
-    range or do not define a podium.
+    Raises `ValueError` for a structure with arrays of parameters, for no or unknown names, for two names of
+    the same quantity, and for bounds that are not a range or with which there is no valid structure.
     """
     if not isinstance(base, Structure):
         raise ValueError(f"{owner}: podium must be a rockjax.Podium or an optimise.Dimensions, got {base!r}")
@@ -204,7 +208,8 @@ def make_variables(
     shapes = {jnp.shape(leaf) for leaf in jax.tree.leaves(as_podium(base).split_rows())} - {()}
     if shapes:
         raise ValueError(
-            f"{owner}: podium must be a single podium with scalar parameters, got arrays of shape {shapes}"
+            f"{owner}: podium must be a single podium with scalar parameters, got arrays of shape "
+            f"{', '.join(map(str, sorted(shapes)))}"
         )
     for name in vary:
         _check_name(owner, base, name)
@@ -212,7 +217,7 @@ def make_variables(
     parameter_names = [parameter(base, name).name for name in names]
     repeated = [name for name in parameter_names if parameter_names.count(name) > 1]
     if repeated:
-        raise ValueError(f"{owner}: vary names {repeated[0]} twice")
+        raise ValueError(f"{owner}: vary names {repeated[0]} twice; leave one of them out")
     clash = find_clash(parameter_names)
     if clash is not None:
         raise ValueError(
@@ -245,10 +250,10 @@ def make_variables(
 
 
 def numbers_as_arrays(base: Structure) -> Structure:
-    """Turn the Python numbers of an `optimise.Dimensions` into arrays, which compiled programs take as
-    arguments.
+    """Turn the Python numbers of an `optimise.Dimensions` into arrays: compiled programs take arrays as
+    arguments, but Python numbers as constants.
 
-    Zeros stay, because a top mass of exactly 0 means no superstructure.
+    Zeros stay Python numbers, because a top mass of exactly 0 means no superstructure.
     """
     if isinstance(base, rj.Podium):
         return base
@@ -257,7 +262,7 @@ def numbers_as_arrays(base: Structure) -> Structure:
 
 
 def _check_name(owner: str, base: Structure, name: str) -> None:
-    """Raise `ValueError` unless a name is a parameter of the structure that can vary."""
+    """Raise `ValueError` unless `name` denotes a parameter of the structure that can vary."""
     if isinstance(base, Dimensions):
         _check_dimension(owner, base, name)
         return
@@ -287,7 +292,7 @@ def _check_name(owner: str, base: Structure, name: str) -> None:
 
 
 def _check_dimension(owner: str, base: Dimensions, name: str) -> None:
-    """Raise `ValueError` unless a name is a dimension that can vary."""
+    """Raise `ValueError` unless `name` denotes a dimension that can vary."""
     rows = [(entry, getattr(base, entry.attribute_path)) for entry in ROWS_OF_DIMENSIONS.values()]
     variable_names = [entry.name for entry in DIMENSIONS.values() if not entry.is_integer]
     variable_names += [
@@ -319,7 +324,7 @@ def _law_message(owner: str, law) -> str:
 
 
 def parameter(base: Structure, name: str) -> Parameter:
-    """Return the parameter that a variable name denotes. Raises `KeyError` for an unknown name."""
+    """Return the parameter that the name of a variable denotes. Raises `KeyError` for an unknown name."""
     if isinstance(base, Dimensions):
         row, position = _row_entry(name)
         return DIMENSIONS[name] if row is None else numbered_parameter(row, position)
@@ -330,7 +335,8 @@ def parameter(base: Structure, name: str) -> Parameter:
 
 
 def _row_entry(name: str) -> tuple[Parameter | None, int]:
-    """Return the row of dimensions that a name such as `story_mass_2` denotes, and the position in this row.
+    """Return the row of dimensions and the position in this row, from 1, that a name such as `story_mass_2`
+    denotes.
 
     Return (None, 0) for a name that denotes no position in a row.
     """
@@ -348,7 +354,7 @@ def value_of(base: Structure, name: str):
 
 
 def with_variables(base: Structure, values: Mapping[str, Any]) -> Structure:
-    """Return a variant of a structure with other unscaled values of variables."""
+    """Return a variant of a structure in which some variables have other (unscaled) values."""
     if not isinstance(base, Dimensions):
         return variants.with_values(base, values)
     changes: dict[str, Any] = {}

@@ -89,7 +89,7 @@ def test_a_design_marks_peaks_of_scenes_that_overturned():
     )
     assert found.overturned == {"worst peak shear / m_t g": 1}
     assert f"worst peak shear / m_t g = {found.objective:.6g} (until overturning)" in str(found)
-    assert "the columns overturn in 1 of its scenes, whose peaks are until overturning" in str(found)
+    assert "overturn in 1 of its scenes; the peaks of these scenes cover only the time until" in str(found)
     assert "until overturning" in found._repr_html_()
     assert design_record(found)["overturned"] == found.overturned
     upright = optimise.design(

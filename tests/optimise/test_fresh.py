@@ -176,7 +176,7 @@ def test_ctrl_c_keeps_the_mean_so_far():
             lambda: optimise.design(
                 BLOCK, BOX, None, optimise.PeakRotation(0.4, optimise.FreshSamples(MOTION)), method=ADAM
             ),
-            "PeakRotation cannot use them",
+            "give the PeakRotation fixed motions",
         ),
         (
             lambda: optimise.design(
@@ -189,7 +189,7 @@ def test_ctrl_c_keeps_the_mean_so_far():
                 ),
                 method=ADAM,
             ),
-            "AnnualFrequency cannot use them here",
+            "give the AnnualFrequency of the objective fixed motions",
         ),
     ],
 )

@@ -94,7 +94,7 @@ def test_friction_coefficient_inside_jit():
     np.testing.assert_allclose(inside, target.margins(PODIUM, TIGHT), rtol=0, atol=1e-9)
     margins = lambda limit: optimise.PeakFriction(limit, MOTIONS).margins(PODIUM, TIGHT)
     with pytest.raises(
-        ValueError, match="limit must be a number, not a traced value; make the target outside"
+        ValueError, match="limit must be a number, not a traced value; create the PeakFriction outside jit"
     ):
         jax.jit(margins)(0.25)
 

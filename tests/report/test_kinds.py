@@ -95,7 +95,7 @@ def test_a_design_reads_the_keys_of_checks(tmp_path):
     assert (share.at_most, pulses.at_least, scale.at_least) == (0.6, pytest.approx(0.980665), 1.5)
     assert (scale.name, friction.friction) == ("Scale", 0.5)
     for given, words in (
-        ('kind = "uplift-scale"\nlimit = 0.5\n', "is a check of the report only"),
+        ('kind = "uplift-scale"\nlimit = 0.5\n', "can only be a check of a report"),
         ('kind = "peak-rotation"\nlimit = 0.5\nstatistic = "mean"\n', "statistic: must be max"),
         ('kind = "peak-rotation"\nlimit = 0.5\nvertical = true\n', "no vertical component"),
     ):
