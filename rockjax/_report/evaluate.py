@@ -55,7 +55,7 @@ def evaluate(
     with scenes.store.saved_on_interruption():
         checks = tuple(_evaluate(entry, scenes, skip) for entry in problem.checks)
         outcomes = {
-            name: {y.id: y.test(problem, scenes.peaks(name)) for y in ASSUMPTIONS}
+            name: {assumption.id: assumption.test(problem, scenes.peaks(name)) for assumption in ASSUMPTIONS}
             for name in scenes.used_sets
             if any(check.motions == name and check.values is not None for check in checks)
         }
@@ -81,7 +81,7 @@ def _evaluate(entry: Entry, scenes: Scenes, skip: tuple[str, ...]) -> Check:
     if isinstance(kind, ByOthers):
         return Check(entry, kind, "BY OTHERS", reason)
     if not reason and kind.skip_name in skip:
-        reason = f"Left out by --skip {kind.skip_name}."
+        reason = f"Left out on request (skip {kind.skip_name})."
     if reason:
         return Check(entry, kind, "NOT MADE", reason)
     try:
@@ -207,8 +207,12 @@ def _violated(kind: Kind, entry: Entry, scenes: Scenes) -> tuple[str, ...]:
     """Return the ids, such as "A7", of the assumptions in `INVALIDATING` that a tested scene of a check
     violates."""
     data = kind.tested_scenes(entry, scenes)
-    outcomes = {} if data is None else {y.id: y.test(scenes.problem, data) for y in INVALIDATING}
-    return tuple(name for name, y in outcomes.items() if isinstance(y, Outcome) and y.violated.any())
+    if data is None:
+        return ()
+    outcomes = {assumption.id: assumption.test(scenes.problem, data) for assumption in INVALIDATING}
+    return tuple(
+        name for name, outcome in outcomes.items() if isinstance(outcome, Outcome) and outcome.violated.any()
+    )
 
 
 def _sensitivities(check: Check, scenes: Scenes) -> dict[str, float]:

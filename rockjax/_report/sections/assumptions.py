@@ -40,8 +40,13 @@ def section(evaluation: Evaluation, units: Units) -> Section:
     if missing:
         headings = Column("Check"), Column("Name"), Column("Result"), Column("Reason")
         cells = tuple(
-            (TextCell(y.id), TextCell(y.name), TextCell(y.result, y.result.lower()), TextCell(y.reason))
-            for y in missing
+            (
+                TextCell(check.id),
+                TextCell(check.name),
+                TextCell(check.result, check.result.lower()),
+                TextCell(check.reason),
+            )
+            for check in missing
         )
         blocks.append(Table("left-out", "Checks that were not made here", headings, cells))
     requested = {check.kind.name for check in evaluation.checks}
@@ -64,7 +69,9 @@ def _row(assumption: Assumption, evaluation: Evaluation) -> tuple[TextCell, ...]
         texts.append(_sentence(name, outcome))
     if assumption.id == "A6":  # the law of impact, which is tested by checks under other laws
         changed = [
-            y.id for y in evaluation.checks if any(word != _result_if_valid(y) for _, word in y.laws.values())
+            check.id
+            for check in evaluation.checks
+            if any(result != _result_if_valid(check) for _, result in check.laws.values())
         ]
         tested = any(check.laws for check in evaluation.checks)
         violated = bool(changed)

@@ -29,7 +29,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
     """Return section 9 of the page."""
     del units
     if "methods" in evaluation.skipped:
-        return Section(9, TITLE, (Paragraph("Left out by --skip methods."),))
+        return Section(9, TITLE, (Paragraph("Left out on request (skip methods)."),))
     problem = evaluation.problem
     blocks: list[Any] = [
         Paragraph("For comparison only: no check rests on these methods.", is_note=True),
