@@ -152,30 +152,56 @@ def beam_vertical_velocity(c: Coefficients, sigma: Value, theta: Value, theta_do
     return c.two_R * theta_dot * sincos(sigma * c.alpha - theta)[0]
 
 
-def beam_acceleration(
+class BeamMotion(NamedTuple):
+    """Motion of the beam relative to the ground, Eqs. (13) to (15).
+
+    - `sway`, `velocity`: horizontal displacement u_b [m] and velocity u̇_b [m/s]
+    - `acceleration`, `rise`: horizontal acceleration ü_b and vertical acceleration v̈_b, upwards [m/s²]
+    - `sin_psi`, `cos_psi`: sin ψ and cos ψ, ψ = σα − θ
+    """
+
+    sway: Value
+    velocity: Value
+    acceleration: Value
+    rise: Value
+    sin_psi: Value
+    cos_psi: Value
+
+
+def beam_motion(
     c: Coefficients, sigma: Value, theta: Value, theta_dot: Value, theta_ddot: Value
-) -> Value:
-    """Return the horizontal acceleration of the beam relative to the ground ü_b [m/s²], Eq. (14).
+) -> BeamMotion:
+    """Return the motion of the beam relative to the ground, Eqs. (13) to (15).
 
     - `c`: constants of the podium
     - `sigma`: contact mode σ ∈ {−1, 0, 1}
     - `theta`, `theta_dot`, `theta_ddot`: θ [rad], θ̇ [rad/s] and θ̈ [rad/s²]
     """
     s, cos = sincos(sigma * c.alpha - theta)
-    return c.two_R * (theta_ddot * cos + theta_dot**2 * s)
+    return BeamMotion(
+        c.two_R * (sigma * c.sin_alpha - s),
+        c.two_R * theta_dot * cos,
+        c.two_R * (theta_ddot * cos + theta_dot**2 * s),
+        c.two_R * (theta_ddot * s - theta_dot**2 * cos),
+        s,
+        cos,
+    )
+
+
+def beam_acceleration(
+    c: Coefficients, sigma: Value, theta: Value, theta_dot: Value, theta_ddot: Value
+) -> Value:
+    """Return the horizontal acceleration of the beam relative to the ground ü_b [m/s²], Eq. (14); arguments
+    as for `beam_motion`."""
+    return beam_motion(c, sigma, theta, theta_dot, theta_ddot).acceleration
 
 
 def beam_vertical_acceleration(
     c: Coefficients, sigma: Value, theta: Value, theta_dot: Value, theta_ddot: Value
 ) -> Value:
-    """Return the vertical acceleration of the beam relative to the ground v̈_b [m/s²], Eq. (15), upwards.
-
-    - `c`: constants of the podium
-    - `sigma`: contact mode σ ∈ {−1, 0, 1}
-    - `theta`, `theta_dot`, `theta_ddot`: θ [rad], θ̇ [rad/s] and θ̈ [rad/s²]
-    """
-    s, cos = sincos(sigma * c.alpha - theta)
-    return c.two_R * (theta_ddot * s - theta_dot**2 * cos)
+    """Return the vertical acceleration of the beam relative to the ground v̈_b [m/s²], Eq. (15), upwards;
+    arguments as for `beam_motion`."""
+    return beam_motion(c, sigma, theta, theta_dot, theta_ddot).rise
 
 
 def beam_absolute_acceleration(

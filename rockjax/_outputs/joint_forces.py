@@ -13,15 +13,8 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
-from rockjax._engine.coefficients import Coefficients, not_none, weighted
-from rockjax._engine.model import (
-    beam,
-    beam_absolute_acceleration,
-    beam_acceleration,
-    beam_vertical_acceleration,
-    elongation,
-    horizontal,
-)
+from rockjax._engine.coefficients import Coefficients, Vibration, not_none, weighted
+from rockjax._engine.model import BeamMotion, beam, beam_motion, elongation, horizontal
 from rockjax._engine.ratio import safe_ratio
 from rockjax._excitations.base import Shaking
 from rockjax._programs.barrier import barrier
@@ -46,6 +39,8 @@ class MeanForces(NamedTuple):
       (F10), and σ while rocking
     - `lean`: −ΔT_i/ΔN_i, where ΔT_i and ΔN_i are the forces of any column i minus those of the mean column.
       It is ξ tan α in full contact, (F11), and tan ψ while rocking, (F9)
+    - `moment`: overturning moment on the columns divided by N m_c, clockwise, (F6) [m²/s²]; None without an
+      elevation
     """
 
     bottom: tuple[Value, Value]
@@ -53,6 +48,7 @@ class MeanForces(NamedTuple):
     foundation: tuple[Value, Value]
     eccentricity: Value
     lean: Value
+    moment: Value | None
 
 
 def device_forces(c: Coefficients, sigma: Value, x: Vector, v: Vector, a: Vector) -> DeviceForces:
@@ -78,13 +74,6 @@ def device_forces(c: Coefficients, sigma: Value, x: Vector, v: Vector, a: Vector
     return DeviceForces(over_both + 2 * over_one, over_both)
 
 
-def springs(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Values:
-    """Return the spring forces F_i = ω_i²(u_i−u_b) + 2ζ_iω_i(u̇_i−u̇_b) of the modes, Eq. (7) [m/s²]."""
-    modes = not_none(c.vibration)
-    sway, rate = beam(c, sigma, x[0], v[0])
-    return modes.omega2 * (x[1] - sway) + modes.damping * (v[1] - rate)
-
-
 def total_weight(c: Coefficients) -> Value:
     """Return the total weight W_0 divided by N m_c [m/s²]."""
     return (1 + not_none(c.joints).gamma + c.eta) * c.g
@@ -93,7 +82,7 @@ def total_weight(c: Coefficients) -> Value:
 def mean_forces(
     c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector, a: Vector
 ) -> MeanForces:
-    """Return the forces of the mean column, (F1) to (F5), (F9) to (F11).
+    """Return the forces of the mean column, (F1) to (F6), (F9) to (F11).
 
     - `c`: constants of the podium, including the joints; `sigma`: contact mode σ ∈ {−1, 0, 1}
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
@@ -101,18 +90,22 @@ def mean_forces(
     """
     joints = not_none(c.joints)
     gamma, eta = joints.gamma, c.eta
-    s, cos = sincos(sigma * c.alpha - x[0])
-    rotation = sigma, x[0], v[0], a[0]
-    sway, rise = beam_acceleration(c, *rotation), beam_vertical_acceleration(c, *rotation)
+    beam = barrier(beam_motion(c, sigma, x[0], v[0], a[0]))
     ground_horizontal, weight = horizontal(ground), c.g + _vertical(ground)
-    device_bottom, device_top = device_forces(c, sigma, x, v, a)
-    half, cos_half = sincos(0.5 * x[0])
-    spring_force = 0.0 if c.vibration is None else weighted(c.etas, springs(c, sigma, x, v))
-    v_top = gamma * (ground_horizontal + sway) - spring_force
-    w_top = (gamma + eta) * (weight + rise)
-    v_bottom, w_bottom = v_top + ground_horizontal + 0.5 * sway, w_top + weight + 0.5 * rise
-    top = v_top + device_top * half, w_top + device_top * cos_half
-    bottom = v_bottom + device_bottom * half, w_bottom + device_bottom * cos_half
+    springs = None if c.vibration is None else barrier(_spring_forces(c.vibration, beam, x, v))
+    v_top = gamma * (ground_horizontal + beam.acceleration)
+    if springs is not None:
+        v_top = v_top - weighted(c.etas, springs)
+    w_top = (gamma + eta) * (weight + beam.rise)
+    v_bottom = v_top + ground_horizontal + 0.5 * beam.acceleration
+    w_bottom = w_top + weight + 0.5 * beam.rise
+    bottom, top = (v_bottom, w_bottom), (v_top, w_top)
+    if c.restraint is not None:
+        half, cos_half = sincos(0.5 * x[0])
+        bottom, top = (
+            (shear + force * half, axial + force * cos_half)
+            for (shear, axial), force in zip((bottom, top), device_forces(c, sigma, x, v, a), strict=True)
+        )
     tan_alpha = c.sin_alpha / c.cos_alpha
     in_contact = -safe_ratio(bottom[0] + top[0], tan_alpha * (bottom[1] + top[1]), bottom[1] + top[1] != 0)
     contact = sigma == 0
@@ -121,26 +114,31 @@ def mean_forces(
         top,
         (v_bottom, w_bottom),
         jnp.where(contact, in_contact, sigma),
-        jnp.where(contact, in_contact * tan_alpha, s / jnp.where(contact, 1.0, cos)),
+        jnp.where(contact, in_contact * tan_alpha, beam.sin_psi / jnp.where(contact, 1.0, beam.cos_psi)),
+        None if joints.arms is None else _overturning_moment(c, joints.arms, ground, beam, springs, x),
     )
 
 
-def overturning_moment(
-    c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector, a: Vector
+def _spring_forces(modes: Vibration, beam: BeamMotion, x: Vector, v: Vector) -> Values:
+    """Return the spring forces F_i = ω_i²(u_i−u_b) + 2ζ_iω_i(u̇_i−u̇_b) of the modes, Eq. (7) [m/s²]."""
+    return modes.omega2 * (x[1] - beam.sway) + modes.damping * (v[1] - beam.velocity)
+
+
+def _overturning_moment(
+    c: Coefficients, arms: Arms, ground: Value | Shaking, beam: BeamMotion, springs: Values | None, x: Vector
 ) -> Value:
     """Return the overturning moment on the columns divided by N m_c, clockwise, (F6) [m²/s²].
 
-    - `c`: constants of a podium with an elevation; `sigma`: contact mode σ ∈ {−1, 0, 1}
+    - `c`: constants of the podium; `arms`: distances of the masses and columns
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
-    - `x`, `v`, `a`: positions, velocities and accelerations
+    - `beam`: motion of the beam; `springs`: spring forces of the modes, None if nothing vibrates [m/s²]
+    - `x`: positions
     """
-    arms = not_none(not_none(c.joints).arms)
-    beam_moment = -arms.beam * beam_absolute_acceleration(c, sigma, ground, x, v, a)
-    if c.vibration is None:
+    beam_moment = -arms.beam * (beam.acceleration + horizontal(ground))
+    if springs is None:
         return beam_moment
-    rise = beam_vertical_acceleration(c, sigma, x[0], v[0], a[0])
-    weight_moment = (c.g + _vertical(ground) + rise) * sway_of_modes(c, sigma, x)
-    return beam_moment + weighted(not_none(arms.modes), springs(c, sigma, x, v)) + weight_moment
+    weight = c.g + _vertical(ground) + beam.rise
+    return beam_moment + weighted(not_none(arms.modes), springs) + weight * weighted(c.etas, x[1] - beam.sway)
 
 
 def transfer(c: Coefficients, moment: Value, eccentricity: Value, axial: Value, offsets: Values) -> Values:
@@ -157,30 +155,18 @@ def transfer(c: Coefficients, moment: Value, eccentricity: Value, axial: Value, 
 
 
 def column_forces(
-    c: Coefficients,
-    sigma: Value,
-    ground: Value | Shaking,
-    x: Vector,
-    v: Vector,
-    a: Vector,
-    offsets: Sequence[Values] | None,
-    mean: MeanForces | None = None,
+    c: Coefficients, mean: MeanForces, offsets: Sequence[Values] | None
 ) -> tuple[list[Values], list[Values]]:
     """Return T and N at the joints of columns, (F8) to (F11) [m/s²]: at the bottom joint for every element of
     `offsets`, then at the top joint.
 
-    - `c`: constants of the podium, including the joints; `sigma`: contact mode σ ∈ {−1, 0, 1}
-    - `ground`: ü_g, or ü_g and v̈_g [m/s²]
-    - `x`, `v`, `a`: positions, velocities and accelerations
+    - `c`: constants of the podium, including the joints; `mean`: forces of the mean column
     - `offsets`: positions of the columns from their mean [m]; None for the mean column
-    - `mean`: result of `mean_forces`, if it is known
     """
-    if mean is None:
-        mean = barrier(mean_forces(c, sigma, ground, x, v, a))
     joints = mean.bottom, mean.top
     if offsets is None:
         return [y[0] for y in joints], [y[1] for y in joints]
-    moment = barrier(overturning_moment(c, sigma, ground, x, v, a))
+    moment = not_none(mean.moment)
     transferred = [transfer(c, moment, mean.eccentricity, mean.top[1], y) for y in offsets]
     tangential = [y[0] - change * mean.lean for y in joints for change in transferred]
     return tangential, [y[1] + change for y in joints for change in transferred]

@@ -91,7 +91,7 @@ def end_forces(moment: Moment) -> tuple[Value, ...]:
     then the horizontal force V on the foundation, mean of the columns [m/s²]."""
     c, sigma, _, ground, x, v, a = moment
     mean = barrier(mean_forces(c, sigma, ground, x, v, a))
-    tangential, axial = column_forces(c, sigma, ground, x, v, a, end_offsets(c), mean)
+    tangential, axial = column_forces(c, mean, end_offsets(c))
     return (*tangential, *axial, mean.foundation[0])
 
 

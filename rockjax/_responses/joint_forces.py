@@ -17,7 +17,6 @@ from rockjax._outputs.joint_forces import (
     impulses_of_columns,
     mean_forces,
     of_all_columns,
-    overturning_moment,
     sway_of_modes,
     total_weight,
 )
@@ -74,7 +73,7 @@ def series_at(scene: history.Solved, t, left) -> dict[str, Array]:
         sigma, ground = instant.sigma, instant.ground
         state = c, sigma, ground, x, v, acceleration(c, sigma, ground, x, v)
         mean = mean_forces(*state)
-        horizontal, axial = of_all_columns(column_forces, *state, arms=arms)
+        horizontal, axial = of_all_columns(column_forces, c, mean, arms=arms)
         forces = JointForces(horizontal.T / c.g, axial.T / c.g)
         series = {
             "joint_shear": forces.horizontal,
@@ -87,7 +86,7 @@ def series_at(scene: history.Solved, t, left) -> dict[str, Array]:
         series = {name: jnp.where(is_inside, y, jnp.nan) for name, y in series.items()}
         if arms is None:
             return series
-        return series | {"overturning_moment": overturning_moment(*state) / c.g}
+        return series | {"overturning_moment": not_none(mean.moment) / c.g}
 
     return jax.vmap(at_time)(t, left)
 

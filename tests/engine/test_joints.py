@@ -91,9 +91,9 @@ def _forces(podium: rj.Podium, sigma, states: States, moves_up: bool) -> Found:
         a = acceleration(c, sigma, ground, x, v)
         complete = c, sigma, ground, x, v, a
         mean = joints.mean_forces(*complete)
-        T, N = joints.of_all_columns(joints.column_forces, *complete, arms=arms)
+        T, N = joints.of_all_columns(joints.column_forces, c, mean, arms=arms)
         of_devices = joints.device_forces(c, sigma, x, v, a)
-        moment = jnp.nan if arms is None else joints.overturning_moment(*complete)
+        moment = jnp.nan if arms is None else mean.moment
         in_g = lambda *values: jnp.stack([jnp.asarray(y, float) for y in values]) / c.g
         V, W = mean.foundation
         return Found(
