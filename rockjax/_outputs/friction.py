@@ -56,8 +56,9 @@ def steepest(tangential: Course, axial: Course, span: Span, accumulator: Force) 
     - `accumulator`: steepest force so far
 
     Let (T_0, N_0) be the steepest of the `accumulator` and the forces at both ends. If a force inside the
-    step is steeper, T·N_0 − T_0·N is positive there, and the force at its maximum is taken. A second search
-    takes this force as (T_0, N_0); such searches converge quadratically (Dinkelbach's method).
+    step is steeper, T·N_0 − T_0·N is positive there, and the force at its maximum is taken. The next trial
+    ends at this maximum. From trial to trial, the maximum converges quadratically to the steepest force
+    (Dinkelbach's method).
     """
     constant, h = jax.lax.stop_gradient, span.h
 
@@ -99,9 +100,6 @@ def steepest(tangential: Course, axial: Course, span: Span, accumulator: Force) 
         return Force(*[path.value(z) for path in paths])
 
     z, exists = barrier(_interior_maximum(*fixed, reference))
-    found = force_at(z, fixed)
-    refined, is_refined = _interior_maximum(*fixed, found)
-    z = barrier(jnp.where(exists & is_refined & found.is_steeper(reference), refined, z))
     # If T changes its sign, the force found may have the other sign, and a smaller angle than expected.
     found = force_at(z, paths)
     found = found._replace(size=jnp.abs(found.size))
