@@ -27,8 +27,8 @@ class Outcome(NamedTuple):
     - `variables`: name → value in the unit of the parameter; `objective`: verified value of the objective
     - `margin`: least verified margin [–], inf without targets; `satisfied`: whether objective and margins are
       finite and all margins are ≥ 0
-    - `result`: a member of `optimise.RESULTS`; `iterations`: number of iterations; if the verification
-      corrected the design, only those of the last correction
+    - `result`: a member of `optimise.RESULTS`; `iterations`: number of iterations, with those of all
+      corrections
     """
 
     variables: dict[str, float]
@@ -70,7 +70,7 @@ class Design(Module):
       the limit that causes it [unit of the objective]; 0 for targets that do not bind. NaN for all targets if
       one is violated or unverified, or if an interrupted search has not determined the prices
     - `result`: a member of `optimise.RESULTS`; `stats`: an `Effort`
-    - `history`: an `Iterate` for every iteration of every start, without corrections in the verification
+    - `history`: an `Iterate` for every iteration of every start, without those of corrections
     - `starts`: an `Outcome` for every start; `best`: index of the start that gave this design, from 0
     - `bounds`: name → (lowest, highest); `units`: name → unit; `minimised`: name of the objective
     - `probabilities`: target on a probability of failure → estimate of this probability from an independent

@@ -17,7 +17,7 @@ from rockjax._progress import bar as bar_of
 from rockjax.internal import format_value, require_instance, require_number, require_whole
 
 from ._answer import Design, Effort, SampleEstimates, SearchResult, build_design
-from ._descent import End, Evaluation, Iterate, Settings, objective_scale, rank, scale_evaluation
+from ._descent import Descent, End, Evaluation, Iterate, Settings, objective_scale, rank, scale_evaluation
 from ._evaluator import Evaluator, build_problem, fresh_samples_of, run_descents
 from ._failure import FailureProbability
 from ._gradients import MAX_ITERATIONS as GRADIENT_STEPS
@@ -208,7 +208,7 @@ class DescentSearch:
             violations = {k: _small_violation(self.ends[k], e, limit) for k, e in enumerate(self.evaluations)}
             # Aim at a margin that is larger by twice the violation.
             descents = {
-                k: descend(self.ends[k].x, settings._replace(shift=tolerance + 2 * violation), [], k)
+                k: _descend_further(self.ends[k], settings._replace(shift=tolerance + 2 * violation), k)
                 for k, violation in violations.items()
                 if violation
             }
@@ -242,9 +242,9 @@ class DescentSearch:
                 return
             end_points, first = self.end_points, self.evaluate(self.end_points)
             descents = {
-                k: descend(x, settings, [], k)
-                for k, x in enumerate(end_points)
-                if self.ends[k].result != NOT_FINITE
+                k: _descend_further(end, settings, k)
+                for k, end in self.ends.items()
+                if end.result != NOT_FINITE
             }
             run_descents(descents, self.evaluate, end_points, first, self.ends)
 
@@ -276,6 +276,12 @@ class DescentSearch:
     def search_result(self, margin_counts: dict[str, int], effort: Effort) -> SearchResult:
         ends = [self.ends[k] for k in range(len(self.points))]
         return SearchResult(ends, self.evaluations, margin_counts, self.scale, self.history, effort)
+
+
+def _descend_further(end: End, settings: Settings, start: int) -> Descent:
+    """Continue from the end of a start, in the form of `descend`; the new end has the iterations of both."""
+    further = yield from descend(end.x, settings, [], start)
+    return further._replace(iterations=end.iterations + further.iterations)
 
 
 def _check_fresh(

@@ -82,10 +82,13 @@ WORST: dict[str, Any] = {
 Positive = models.Positive
 _SET_TEXT = "Name of a set of motions."
 _WIDTH_TEXT = (
-    "Widest interval of overturning intensities that may be missed, divided by the range searched [–]."
+    "A range of overturning intensities that is narrower than this fraction of max_intensity may be missed "
+    "[–]."
 )
 _HAZARD_TEXT = "File of a hazard curve, relative to the folder of this file."
-_MAX_INTENSITY_TEXT = "Highest intensity searched, in m/s² or, for PGV, m/s."
+_MAX_INTENSITY_TEXT = (
+    "Largest searched intensity, in the SI unit of the hazard; by default the last point of the hazard."
+)
 
 
 # Kind of an entry of `[[targets]]` → class of the target. The keys of each kind are in

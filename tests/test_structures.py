@@ -42,6 +42,12 @@ def test_from_dimensions():
     assert rj.Podium.from_dimensions(0.4, 3.0, 1000.0).superstructure is None
 
 
+@pytest.mark.parametrize("columns", [2.5, 0, -1, np.nan, True, "2"])
+def test_the_number_of_columns_is_whole(columns):
+    with pytest.raises(ValueError, match=r"Podium.from_dimensions: columns must be a whole number >= 1, got"):
+        rj.Podium.from_dimensions(0.4, 3.0, 1000.0, columns=columns)
+
+
 def test_restitution_laws():
     block = rj.Podium(alpha=0.3, R=1.0)
     assert float(block.restitution_factor) == pytest.approx(1 - 1.5 * math.sin(0.3) ** 2)  # Housner

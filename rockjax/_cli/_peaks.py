@@ -110,4 +110,6 @@ def _rows(data: xarray.Dataset) -> list[dict[str, Any]]:
 def _format_cell(value: Any) -> str:
     if isinstance(value, str):
         return value
+    if math.isnan(value):
+        return "no value"
     return f"{float(value):.4g}" if math.isfinite(value) else "infinite"

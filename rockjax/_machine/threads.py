@@ -7,7 +7,7 @@ import importlib
 import os
 import threading
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed, wait
 from typing import Any
 
 import jax
@@ -50,7 +50,7 @@ def run_in_threads(work: Callable[[], None], count: int, stop: threading.Event, 
             work()
         else:
             futures += [submit(work) for _ in range(count)]
-            for future in futures:
+            for future in as_completed(futures):
                 future.result()
     except BaseException as error:
         stop.set()

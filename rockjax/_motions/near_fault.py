@@ -237,8 +237,8 @@ def refit_pulse(
     """
     import optimistix as optx
 
-    quantity = quantity or start.quantity
     require_instance("refit_pulse", "start", start, PulseFit, "a rockjax.PulseFit")
+    quantity = quantity or start.quantity
     acceleration = jnp.asarray(acceleration, float)
     t = dt * jnp.arange(acceleration.shape[-1], dtype=float)
     target = _ground_velocity(acceleration, dt)

@@ -101,7 +101,16 @@ def _notices(evaluation: Evaluation):
     if undecided:
         yield f"Undecided within the numerical error, or without an answer: {', '.join(undecided)}."
     if problem.podium.elevation is None:
-        yield "Not checked, because the structure has no positions of columns: joint forces, A1 and A7."
+        of_joints = [
+            check.id for check in evaluation.checks if check.values is not None and check.kind.is_of_joints
+        ]
+        if of_joints:
+            yield (
+                "The structure has no positions of columns: joint forces are those of the mean column "
+                f"({', '.join(of_joints)}), and A1 and A7 are not checked for each column."
+            )
+        else:
+            yield "Not checked, because the structure has no positions of columns: joint forces, A1 and A7."
     missing = [entry.key for entry in problem.inputs if entry.source is None]
     if missing:
         yield (

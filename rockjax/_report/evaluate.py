@@ -102,6 +102,11 @@ def _compute(entry: Entry, kind: Kind, scenes: Scenes) -> Check:
     if causes and result == "UNDECIDED":
         count = sum(map(bool, values.unanswered))
         reason = f"{count} of {len(values.unanswered)} scenes have no decided answer: {', '.join(causes)}"
+    text = state = ""
+    if not math.isfinite(value):
+        text, state = "no finite value", "unanswered" if math.isnan(value) else "none"
+        if values.texts[governing]:
+            text, state = values.texts[governing], values.states[governing]
     check = Check(
         entry,
         kind,
@@ -110,7 +115,8 @@ def _compute(entry: Entry, kind: Kind, scenes: Scenes) -> Check:
         violated,
         value,
         error,
-        "" if math.isfinite(value) else (values.texts[governing] or "no finite value"),
+        text,
+        state,
         utilisations[1],
         None if kind.has_one_value else governing,
         values.locations[governing],

@@ -30,6 +30,7 @@ class Check:
     - `limit`, `value`, `error`: numbers [SI], NaN if missing; `value` is ±inf if a text replaces it, and
       `error` is an estimate
     - `text`: text that replaces the value, such as "overturned at 5.85 s"; "" for a number
+    - `state`: state of `text`, one of `tables.STATES`; "" for a number
     - `utilisation`: U = value/limit, or limit/value for a minimum [–]; inf if the columns overturn, NaN
       without a value
     - `governing`: index of the motion or pulse with the governing value; None without a value, or if the set
@@ -49,6 +50,7 @@ class Check:
     value: float = math.nan
     error: float = math.nan
     text: str = ""
+    state: str = ""
     utilisation: float = math.nan
     governing: int | None = None
     location: str = ""

@@ -34,7 +34,7 @@ STATES: dict[str, Tone] = {
     "unanswered": "unverified",  # the solver gave no answer
     "no source": "unverified",
     "not asked": "plain",
-    "none": "plain",  # "no impact", "no derivative"
+    "none": "plain",  # "no impact", "no derivative", "no overturning up to 10"
 }
 # A cell that is blank, a dash, or a name of a missing number.
 _EMPTY = re.compile(r"[\s\-–—−.…]*|None|[-+−]?\s*(?i:nan|inf|infinity|∞|null|nat)")

@@ -102,7 +102,7 @@ class AbstractPeak(Module):
     - `margin`: overturning margin [–], NaN unless requested: 1 if the columns never lift, 0 on the
       overturning boundary, negative if the columns overturn, and more negative if they fall faster
     - `impacts_before_peak`: number of impacts before the peak rotation. The derivatives of the peak rotation
-      hold as long as this number stays the same. None unless requested
+      hold as long as this number stays the same. NaN unless requested
     - `smallest_impact_speed`: least |θ̇⁻| of the impacts before the peak rotation [rad/s]; inf if there are
       none. Derivatives of the motion after an impact grow like 1/|θ̇⁻|
     - `values`: answers of the outputs by name. Each of them is also an attribute: `peak.peak_shear` is

@@ -53,9 +53,11 @@ def labelled_motion(
 
 
 def pick_motions(motions: AbstractExcitation, which: np.ndarray) -> AbstractExcitation:
-    """Return the motions with the indices `which`, an array of any shape, from a batch of shape (k,)."""
+    """Return the motions with the indices `which`, an array of any shape, from a batch of shape (k,). The
+    indices may be floats with integer values, as in a scan of a plane."""
+    which = which.astype(np.int32)
     if isinstance(motions, Records | RecordPairs):
-        return motions.pick(which.astype(np.int32))
+        return motions.pick(which)
     # NumPy saves time here, because JAX compiles a program for every shape.
     return jax.tree.map(lambda y: as_array(np.asarray(y)[which]), motions)
 

@@ -28,6 +28,7 @@ from rockjax._checks import (
     require,
     require_not_negative,
     require_positive,
+    require_whole,
 )
 from rockjax._parameters.registry import STRUCTURE, WIDTH_AND_HEIGHT
 from rockjax._restrainers.base import AbstractRestrainer
@@ -204,7 +205,7 @@ class Podium(Module):
         columns, elevation = _count_and_elevation(owner, columns, positions, heights)
         for name, value in ({"damping": damping} | ({} if period is None else {"period": period})).items():
             as_float(value, f"{owner}: {name}")
-        require_positive(owner, width=width, height=height, column_mass=column_mass, columns=columns)
+        require_positive(owner, width=width, height=height, column_mass=column_mass)
         require_not_negative(owner, beam_mass=beam_mass, top_mass=top_mass)
         width, height, column_mass = map(as_numpy_unless_traced, (width, height, column_mass))
         check_column_units(width, height, column_mass)
@@ -566,8 +567,8 @@ def _count_and_elevation(
     - `columns`, `positions`: number and positions of the columns, or None
     - `heights`: fields of `Elevation` and their values [m]
 
-    Raises `ValueError` for heights other than 0 without positions, and if `columns` is not the number of
-    positions.
+    Raises `ValueError` for heights other than 0 without positions, for a number of columns that is not a
+    whole number ≥ 1, and if `columns` is not the number of positions.
     """
     if positions is None:
         for name, value in heights.items():
@@ -576,7 +577,7 @@ def _count_and_elevation(
                     f"{owner}: {name} needs the positions of the columns as well, got {name} = "
                     f"{format_value(value)} alone"
                 )
-        return (2 if columns is None else columns), None
+        return (2 if columns is None else require_whole(owner, "columns", columns, 1)), None
     fields = {name: as_float(value, f"{owner}: {name}") for name, value in heights.items()}
     elevation = Elevation(as_float(positions, f"{owner}: positions"), **fields)
     if columns is not None and columns != elevation.count:

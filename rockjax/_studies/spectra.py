@@ -73,15 +73,16 @@ def rocking_spectrum(
     """
     resumed = None if resume is None else [resume]
     try:
-        (spectrum,) = rocking_spectra(
+        (spectrum,) = _spectra(
+            "rocking_spectrum",
             [podium],
             pulse,
             frequency_ratio,
             acceleration_ratio,
-            options=options,
-            progress=progress,
-            resume=resumed,
-            sensitivities=sensitivities,
+            options,
+            progress,
+            resumed,
+            sensitivities,
         )
     except Interrupted as interrupted:
         raise Interrupted(str(interrupted), interrupted.partial[0]) from None
@@ -114,15 +115,31 @@ def rocking_spectra(
     Returns a spectrum for each podium, as from [`rockjax.rocking_spectrum`][]. Raises `ValueError` as that
     function does.
     """
-    owner = "rocking_spectrum"
+    owner = "rocking_spectra"
     require_instance(owner, "podiums", podiums, list | tuple, "a list of rockjax.Podium")
+    axes = frequency_ratio, acceleration_ratio
+    return _spectra(owner, podiums, pulse, *axes, options, progress, resume, sensitivities)
+
+
+def _spectra(
+    owner: str,
+    podiums: Sequence[Podium],
+    pulse: Callable[[Any, Any], AbstractExcitation],
+    frequency_ratio,
+    acceleration_ratio,
+    options: Options,
+    progress: Any,
+    resume: Sequence[xarray.Dataset | None] | None,
+    sensitivities: Sequence[str],
+) -> list[xarray.Dataset]:
+    """Compute the spectra of `rocking_spectra`; `owner` is the function that error messages name."""
     for podium in podiums:
         check_types(owner, podium, options)
     pulse = as_pulse(owner, pulse)
     axes = _axes(owner, frequency_ratio, acceleration_ratio)
     if any(jnp.ndim(y) for y in jax.tree.leaves([podium.split_rows() for podium in podiums])):
         raise ValueError(
-            f"{owner}: podium must have scalar parameters; use rocking_spectra with a list of podiums, or "
+            f"{owner}: a podium must have scalar parameters; give rocking_spectra a list of podiums, or use "
             "peak_responses"
         )
     names = as_strings(owner, "sensitivities", sensitivities)

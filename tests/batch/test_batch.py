@@ -1,3 +1,5 @@
+import itertools
+import threading
 import warnings
 
 import jax
@@ -7,6 +9,7 @@ import pytest
 
 import rockjax as rj
 from rockjax._machine import memory
+from rockjax._machine.threads import run_in_threads
 from tests.scenes import PODIUMS, G, elastic, options, shaking
 
 FIELDS = (
@@ -302,3 +305,16 @@ def test_podiums_of_several_kinds_share_one_call():
         alone = rj.rocking_spectrum(podium, rj.Ricker, x, y, options=options(1e-9, "tsit5"))
         np.testing.assert_allclose(spectrum.peak_rotation, alone.peak_rotation, rtol=1e-7, atol=1e-9)
         assert spectrum.attrs == alone.attrs
+
+
+def test_an_error_in_one_thread_stops_the_others():
+    stop, number, stopped = threading.Event(), itertools.count(), []
+
+    def work():
+        if next(number):
+            raise RuntimeError("second")
+        stopped.append(stop.wait(5.0))
+
+    with pytest.raises(RuntimeError, match="second"):
+        run_in_threads(work, 2, stop, raises=True)
+    assert stopped == [True]

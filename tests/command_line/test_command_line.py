@@ -648,6 +648,13 @@ def test_peaks_of_every_motion_of_a_set(run, tmp_path):
     assert (code, "peak_drift" in err) == (2, True)
 
 
+def test_cells_of_peaks_without_a_finite_value():
+    from rockjax._cli._peaks import _format_cell
+
+    cells = [_format_cell(y) for y in (0.25, np.inf, np.nan, "settled")]
+    assert cells == ["0.25", "infinite", "no value", "settled"]
+
+
 def test_an_ensemble_writes_its_scenes_and_a_picture_for_each_peak(run, tmp_path):
     problem, spread = tmp_path / "frame.toml", "\n[ensemble.spread]\n"
     table = "[ensemble]\nmotion = 'pulses'\nn = 50\noutputs = ['peak_rotation', 'peak_shear']\n"

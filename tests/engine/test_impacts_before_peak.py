@@ -40,3 +40,4 @@ def test_batches_and_derivatives():
 
     plain = lambda alpha: rj.peak_response(podium.replace(alpha=alpha), motions[0]).peak_rotation
     np.testing.assert_allclose(jax.grad(rotation)(0.2), jax.grad(plain)(0.2), rtol=1e-6)
+    assert np.isnan(rj.peak_response(podium, motions[0]).impacts_before_peak)  # not requested

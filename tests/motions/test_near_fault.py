@@ -105,6 +105,7 @@ def test_errors_of_tables_name_the_fault(tmp_path, text, words):
         (lambda: rj.fit_pulse(rj.Motion(record(), DT), quantity="jerk"), "'velocity' or 'displacement'"),
         (lambda: rj.fit_pulse(rj.Motion(record(), DT), shortest=2.0, longest=1.0), "longer than shortest"),
         (lambda: rj.fit_pulse([rj.Motion(record(), DT)] * 2), "must be one motion, got 2"),
+        (lambda: rj.refit_pulse(record(), DT, PULSE), "refit_pulse: start must be a rockjax.PulseFit"),
     ],
 )
 def test_errors_of_fits_name_the_fault(call, words):

@@ -227,6 +227,21 @@ def test_a_jump_ends_at_the_jump_and_ends():
     assert np.isclose(answer.variables["alpha"], 0.2371, atol=1e-5)
 
 
+def test_iterations_of_corrections_are_counted():
+    class Corrected(Analytic):
+        """Target whose margin in the verification is smaller than in the search."""
+
+        def margins(self, podium, options):
+            return super().margins(podium, options) - jnp.where(options.rtol <= 1e-11, 5e-5, 0.0)
+
+    target = Corrected(lambda p: p.alpha / 0.2 - 1)
+    answer = optimise.design(BLOCK, {"alpha": (0.05, 0.5)}, _alpha, target)
+    assert answer.satisfied
+    (start,) = answer.starts
+    searched = answer.history[-1].iteration  # without those of corrections
+    assert start.iterations == answer.stats.iterations > searched
+
+
 def test_unreachable_targets_return_the_closest_design():
     # The violations of both targets are equal at α = 0.25.
     targets = [Analytic(lambda p: p.alpha / 0.2 - 2, "wide"), Analytic(lambda p: 0.5 - p.alpha / 0.2, "slim")]

@@ -8,6 +8,7 @@ import pytest
 import optimise
 import rockjax as rj
 from optimise._problem import TARGETS
+from rockjax._report.assemble import page_of
 from rockjax._report.entry import Entry
 from rockjax._report.evaluate import evaluate
 from rockjax._report.kinds import KINDS, check_model
@@ -300,3 +301,45 @@ def test_blocks_and_oscillators_on_floors(tmp_path):
     ]
     low, high = (float(row.on_floors[0].pseudo_acceleration) for row in rows)
     assert spectrum.sensitivities["motion"] == pytest.approx(np.log(high / low) / (2 * h), abs=1e-4)
+
+
+JOINTS = """
+[joints]
+friction = 0.5
+[[checks]]
+kind = "least-axial-force"
+at_least = 0.1
+[[checks]]
+kind = "peak-friction"
+limit = "joints.friction"
+"""
+
+
+def test_joint_forces_without_positions(tmp_path):
+    """Forces are those of the mean column; they do not show that A1 and A7 hold for each column."""
+    report = rj.report(read(tmp_path, JOINTS), skip=("spread", "methods"))
+    assert [(check.result, check.reason) for check in report.evaluation.checks] == [("PASS", "")] * 2
+    table = report.tables["joints-pulses"]
+    assert "mean column" in table.caption
+    assert [column.heading for column in table.columns][2:] == [
+        "Least N / dead load",
+        "Largest N / dead load",
+        "Friction demand |T|/N",
+    ]
+    for name in ("A1", "A7"):
+        outcome = report.evaluation.assumptions["pulses"][name]
+        assert outcome.startswith("Not tested for each column: the structure has no positions of columns")
+    (notice,) = [y for y in page_of(report.evaluation).notices if "positions" in str(y)]
+    assert notice.endswith(
+        "those of the mean column (C1, C2), and A1 and A7 are not checked for each column."
+    )
+
+
+def test_a_search_without_overturning_is_not_an_open_joint(tmp_path):
+    """A check passes if no searched factor overturns the columns; the cell is not red."""
+    problem = read(tmp_path, SCALE, FILE.replace("a_p = [2.5, 3.5]", "a_p = [0.01, 0.02]"))
+    report = rj.report(problem, skip=("spread", "methods"))
+    (check,) = report.evaluation.checks
+    assert (check.result, check.text, check.state) == ("PASS", "no overturning up to 10", "none")
+    (row,) = page_of(report.evaluation).sections[0].blocks[0].rows
+    assert (row.value.state, row.value.tone) == ("none", "plain")

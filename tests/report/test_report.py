@@ -121,6 +121,7 @@ def test_words(report, checks):
     assert checks["C2"].result == "FAIL"
     assert checks["C2"].utilisation == math.inf
     assert "overturned at" in checks["C2"].text
+    assert checks["C2"].state == "overturned"
     assert checks["C5"].result == checks["C6"].result == "NOT MADE"
     assert "contact_width" in checks["C6"].reason
     assert checks["C7"].result == "BY OTHERS"

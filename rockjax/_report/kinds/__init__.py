@@ -22,8 +22,8 @@ from .searches import PulseKind, ScaleKind
 # Keys that only some kinds have: name → (type, description).
 _DESIGN_ONLY = " Only `rockjax design` uses it."
 _WIDTH_MEANING = (
-    "A range of overturning amplitudes is missed only if it is narrower than this fraction of the searched "
-    "range [–]."
+    "A range of overturning amplitudes that is narrower than this fraction of the largest searched amplitude "
+    "may be missed [–]."
 )
 _WIDTH = {"width": (Positive, _WIDTH_MEANING)}
 _DESIGN_WIDTH = {"width": (Positive, _WIDTH_MEANING + _DESIGN_ONLY)}
@@ -39,7 +39,11 @@ _PULSE = {
 }
 _ANNUAL = {
     "hazard": (str, "File of a hazard curve, relative to the folder of this file; by default risk.hazard."),
-    "max_intensity": (Positive, "Largest searched intensity, in the SI unit of the hazard." + _DESIGN_ONLY),
+    "max_intensity": (
+        Positive,
+        "Largest searched intensity, in the SI unit of the hazard; by default the last point of the hazard."
+        + _DESIGN_ONLY,
+    ),
 }
 _SHARE = {
     "intensity": (Positive, "Factor on the motions [–]; by default 1."),

@@ -41,6 +41,7 @@ class Values(NamedTuple):
     - `names`: (n,) names of the cases (motions or pulses); empty for one value
     - `remark`: text that the summary adds to the value, or ""
     - `error_factor`: a check passes only if value ± `error_factor` · error satisfies the limit
+    - `states`: (n,) states of the texts, some of `tables.STATES`; "" for numbers. Empty if all are numbers
     """
 
     values: np.ndarray
@@ -51,6 +52,7 @@ class Values(NamedTuple):
     names: tuple[str, ...]
     remark: str = ""
     error_factor: float = SAFETY
+    states: tuple[str, ...] = ()
 
 
 def one_value(value: float, error: float = np.nan, **fields: Any) -> Values:
@@ -190,6 +192,11 @@ class Kind(abc.ABC):
         return scenes.peaks(entry.motions) if entry.motions else None
 
     @property
+    def is_of_joints(self) -> bool:
+        """True if the values are forces or friction demands of the joints."""
+        return False
+
+    @property
     def has_variants(self) -> bool:
         """True if the check is evaluated again for other laws of impact and for variations."""
         return False
@@ -234,17 +241,27 @@ def with_texts(
     - `values`, `errors`, `locations`: fields of `Values`, (n,)
     - `is_minimum`: whether the value must be at least the limit
     """
-    texts, unanswered = [], unanswered_scenes(data)
+    texts, states, unanswered = [], [], unanswered_scenes(data)
     worst = -np.inf if is_minimum else np.inf
     values = np.array(values, float)
     for k, is_overturned in enumerate(np.asarray(data["overturned"])):
         if is_overturned:
             values[k], unanswered[k] = worst, ""
             texts.append(f"overturned at {float(data['overturn_time'][k]):.2f} s")
+            states.append("overturned")
         else:
-            texts.append("joint opens" if np.isinf(values[k]) else "")
-    names = scenes.motion_set(str(entry.motions)).names
-    return Values(values, np.asarray(errors, float), tuple(texts), tuple(locations), tuple(unanswered), names)
+            state = "joint opens" if np.isinf(values[k]) else ""
+            texts.append(state)
+            states.append(state)
+    return Values(
+        values,
+        np.asarray(errors, float),
+        tuple(texts),
+        tuple(locations),
+        tuple(unanswered),
+        scenes.motion_set(str(entry.motions)).names,
+        states=tuple(states),
+    )
 
 
 def errors_of(data: Any, variable: str) -> np.ndarray:

@@ -79,17 +79,17 @@ class FloorKind(Kind):
         errors = errors_of(data, self.variable)[rows, worst]
         locations = [names[k] for k in worst]
         result = with_texts(scenes, entry, data, peaks[rows, worst], errors, locations, False)
-        texts, unanswered = list(result.texts), list(result.unanswered)
+        texts, states, unanswered = list(result.texts), list(result.states), list(result.unanswered)
         codes = data[f"{self.dim}_result"].values
         for k in rows:
-            if texts[k] == "joint opens":  # the text for an infinite value, here of an overturned block
+            if states[k] == "joint opens":  # the state of an infinite value, here of an overturned block
                 time = float(data["contents_overturn_time"].values[k, worst[k]])
-                texts[k] = f"{locations[k]} overturned at {time:.2f} s"
+                texts[k], states[k] = f"{locations[k]} overturned at {time:.2f} s", "overturned"
             elif not texts[k] and results.did_not_finish(codes[k]).any():
                 unanswered[k] = results.NAMES[int(codes[k].max())]
             elif not texts[k] and np.isinf(errors[k]):
                 unanswered[k] = "undecided"
-        return result._replace(texts=tuple(texts), unanswered=tuple(unanswered))
+        return result._replace(texts=tuple(texts), states=tuple(states), unanswered=tuple(unanswered))
 
     def _overturned(self, data: xarray.Dataset) -> np.ndarray:
         """Return whether each block overturned, (motions, blocks); oscillators never overturn."""

@@ -46,6 +46,10 @@ class PeakKind(Kind):
     def has_variants(self) -> bool:
         return True
 
+    @property
+    def is_of_joints(self) -> bool:
+        return VARIABLES[self.variable][0].axis == JOINTS
+
     def missing(self, entry: Entry, problem: Problem) -> str:
         reason = super().missing(entry, problem) or self.needs(problem)
         variable, output = VARIABLES[self.variable]
@@ -61,8 +65,9 @@ class PeakKind(Kind):
 
     def to_values(self, peaks: Any, problem: Problem, podium: Podium) -> Any:
         """Convert peaks to values of the check. The last axis may be joints, storeys or modes."""
-        scaled = peaks if self.factor is None else peaks * self.factor(problem, podium)
-        return scaled if self.convert is None else self.convert(podium, scaled)
+        if self.factor is not None:
+            peaks = peaks * jnp.broadcast_to(self.factor(problem, podium), np.shape(peaks))
+        return peaks if self.convert is None else self.convert(podium, peaks)
 
     def values(self, entry: Entry, scenes: Scenes, law: str | None = None, variation: str = "") -> Values:
         problem = scenes.problem

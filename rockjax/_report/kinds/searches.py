@@ -37,6 +37,11 @@ if TYPE_CHECKING:
     import xarray
 
 
+def states_of(texts: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the states of texts that state that a search found nothing; "" for numbers."""
+    return tuple("none" if text else "" for text in texts)
+
+
 @dataclasses.dataclass(frozen=True)
 class ScaleKind(Kind):
     """A check of the least factor on each motion that causes the `event` "uplift" or "overturning"."""
@@ -51,7 +56,8 @@ class ScaleKind(Kind):
         texts = tuple("" if np.isfinite(y) else f"no {self.event} up to {end:.3g}" for y in values)
         no_locations = ("",) * len(values)
         names = scenes.motion_set(str(entry.motions)).names
-        return Values(values, np.asarray(data["error"], float), texts, no_locations, (), names)
+        errors, states = np.asarray(data["error"], float), states_of(texts)
+        return Values(values, errors, texts, no_locations, (), names, states=states)
 
     def slopes_function(self, entry: Entry, scenes: Scenes, case: int) -> SlopesFunction | None:
         return least_factor_slopes(scenes, self.event, str(entry.motions), case)
@@ -118,7 +124,8 @@ class PulseKind(Kind):
         pulse = entry.arguments["pulse"].__name__
         names = tuple(f"{pulse}, T_p = {y:.4g} s" for y in np.atleast_1d(entry.arguments["T_p"]))
         errors = np.where(np.isfinite(amplitudes), amplitudes * BOUNDARY_ERROR, np.nan)
-        return Values(amplitudes, errors, texts, ("",) * len(amplitudes), (), names)
+        no_locations = ("",) * len(amplitudes)
+        return Values(amplitudes, errors, texts, no_locations, (), names, states=states_of(texts))
 
     def slopes_function(self, entry: Entry, scenes: Scenes, case: int) -> SlopesFunction:
         return slopes_of(scenes.problem, lambda podium, logs: self._amplitude(entry, scenes, case, podium))

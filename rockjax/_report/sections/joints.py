@@ -32,10 +32,10 @@ _COLUMNS = {
 
 def section(evaluation: Evaluation, units: Units) -> Section:
     """Return section 5 of the page."""
-    names = [
-        name for name in sets_with_scenes(evaluation) if "least_axial_force" in evaluation.scenes.peaks(name)
-    ]
-    if not names:
+    sets = {name: evaluation.scenes.peaks(name) for name in sets_with_scenes(evaluation)}
+    names = [name for name, data in sets.items() if any(y in data for y in _COLUMNS)]
+    with_shear = [name for name, data in sets.items() if "peak_foundation_shear" in data]
+    if not names and not with_shear:
         reason: Text = "No check was made with ground motions."
         if evaluation.problem.podium.elevation is None:
             reason = (
@@ -57,10 +57,10 @@ def section(evaluation: Evaluation, units: Units) -> Section:
         )
     )
     blocks: list[Any] = [equations, *(_table(evaluation, name) for name in names)]
-    if "peak_foundation_shear" in evaluation.scenes.peaks(names[0]):
-        blocks.append(_shears(evaluation, names))
+    if with_shear:
+        blocks.append(_shears(evaluation, with_shear))
     scene = governing_scene(evaluation)
-    if scene is not None and scene[0] in names:
+    if scene is not None and scene[0] in names and "least_axial_force" in sets[scene[0]]:
         figure = _picture(evaluation, *scene)
         if figure is not None:
             blocks.append(figure)
@@ -70,13 +70,16 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 def _table(evaluation: Evaluation, name: str) -> Table:
     """Return the table of the extreme forces in the bottom and top joints under each motion of a set."""
     data, motions = evaluation.scenes.peaks(name), evaluation.problem.motions[name]
-    dead_load = np.asarray(evaluation.problem.podium.dead_load, float)
-    columns = [Column("Motion"), Column("Joint"), *(Column(head, "number") for head in _COLUMNS.values())]
+    podium = evaluation.problem.podium
+    dead_load = np.asarray(podium.dead_load, float)
+    column = "worst column" if podium.elevation is not None else "mean column"
+    present = {variable: head for variable, head in _COLUMNS.items() if variable in data}
+    columns = [Column("Motion"), Column("Joint"), *(Column(head, "number") for head in present.values())]
     rows = []
     for k, label in enumerate(motions.names):
         for joint, joint_name in enumerate(JOINT_NAMES):
             cells = []
-            for variable in _COLUMNS:
+            for variable in present:
                 value = float(data[variable][k, joint])
                 if "axial" in variable:
                     value /= dead_load[joint]
@@ -87,7 +90,7 @@ def _table(evaluation: Evaluation, name: str) -> Table:
             rows.append((TextCell(label), TextCell(joint_name), *cells))
     return Table(
         f"joints-{slug(name)}",
-        f"Forces in the joints, set {name}, worst column",
+        f"Forces in the joints, set {name}, {column}",
         tuple(columns),
         tuple(rows),
     )

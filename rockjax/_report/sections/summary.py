@@ -56,15 +56,20 @@ def _row(check: Check, evaluation: Evaluation) -> SummaryRow:
             check.value, check.entry.quantity, check.error if check.error > 0 else None
         )
     else:
-        value = TextCell(check.text, "overturned" if "overturned" in check.text else "joint opens")
-    is_finite = math.isfinite(check.utilisation)
+        value = TextCell(check.text, check.state)
+    if math.isfinite(check.utilisation):
+        utilisation: Quantity | TextCell = Quantity(check.utilisation, "utilisation")
+    elif math.isnan(check.utilisation):
+        utilisation = TextCell("no value", "none")
+    else:
+        utilisation = TextCell("> 1", "fail")
     return SummaryRow(
         check.id,
         check.name,
         scope,
         value,
         limit,
-        Quantity(check.utilisation, "utilisation") if is_finite else TextCell("> 1", "fail"),
+        utilisation,
         check.result,
         governs=_governs(check),
         sensitivities=_slopes(check),
