@@ -336,10 +336,15 @@ def test_joint_forces_without_positions(tmp_path):
 
 
 def test_a_search_without_overturning_is_not_an_open_joint(tmp_path):
-    """A check passes if no searched factor overturns the columns; the cell is not red."""
-    problem = read(tmp_path, SCALE, FILE.replace("a_p = [2.5, 3.5]", "a_p = [0.01, 0.02]"))
+    """A check passes if no searched factor overturns the columns, unless its limit is a larger factor; the
+    cell is not red."""
+    file = FILE.replace("a_p = [2.5, 3.5]", "a_p = [0.01, 0.02]")
+    problem = read(tmp_path, SCALE, file)
     report = rj.report(problem, skip=("spread", "methods"))
     (check,) = report.evaluation.checks
     assert (check.result, check.text, check.state) == ("PASS", "no overturning up to 10", "none")
     (row,) = page_of(report.evaluation).sections[0].blocks[0].rows
     assert (row.value.state, row.value.tone) == ("none", "plain")
+    (check,) = evaluate(read(tmp_path, SCALE.replace("1.5", "15.0"), file), skip=("spread",)).checks
+    assert check.result == "UNDECIDED"
+    assert check.reason.endswith("have no decided answer: the limit exceeds the searched range")

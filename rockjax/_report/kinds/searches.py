@@ -37,9 +37,25 @@ if TYPE_CHECKING:
     import xarray
 
 
-def states_of(texts: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the states of texts that state that a search found nothing; "" for numbers."""
-    return tuple("none" if text else "" for text in texts)
+def searched_values(
+    values: np.ndarray, errors: np.ndarray, end: float, limit: float, **fields: Any
+) -> Values:
+    """Return the `Values` of a search.
+
+    - `values`, `errors`: fields of `Values`, (n,); values are inf where the search found nothing
+    - `end`: largest searched value. If it is below the limit `limit`, values of inf do not decide the check
+    - `fields`: other fields of `Values`
+    """
+    is_missing = ~np.isfinite(values)
+    undecided = "the limit exceeds the searched range" if limit > end else ""
+    return Values(
+        values,
+        errors,
+        locations=("",) * len(values),
+        unanswered=tuple(undecided if missing else "" for missing in is_missing),
+        states=tuple("none" if missing else "" for missing in is_missing),
+        **fields,
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,10 +70,9 @@ class ScaleKind(Kind):
         values = np.asarray(data["factor"], float)
         end = float(data.attrs["limit"])
         texts = tuple("" if np.isfinite(y) else f"no {self.event} up to {end:.3g}" for y in values)
-        no_locations = ("",) * len(values)
         names = scenes.motion_set(str(entry.motions)).names
-        errors, states = np.asarray(data["error"], float), states_of(texts)
-        return Values(values, errors, texts, no_locations, (), names, states=states)
+        errors = np.asarray(data["error"], float)
+        return searched_values(values, errors, end, entry.limit, texts=texts, names=names)
 
     def slopes_function(self, entry: Entry, scenes: Scenes, case: int) -> SlopesFunction | None:
         return least_factor_slopes(scenes, self.event, str(entry.motions), case)
@@ -124,8 +139,9 @@ class PulseKind(Kind):
         pulse = entry.arguments["pulse"].__name__
         names = tuple(f"{pulse}, T_p = {y:.4g} s" for y in np.atleast_1d(entry.arguments["T_p"]))
         errors = np.where(np.isfinite(amplitudes), amplitudes * BOUNDARY_ERROR, np.nan)
-        no_locations = ("",) * len(amplitudes)
-        return Values(amplitudes, errors, texts, no_locations, (), names, states=states_of(texts))
+        podium = scenes.problem.podium
+        largest = end * float(g_tan_alpha(podium.alpha, podium.g) / self._unit(entry, podium))
+        return searched_values(amplitudes, errors, largest, entry.limit, texts=texts, names=names)
 
     def slopes_function(self, entry: Entry, scenes: Scenes, case: int) -> SlopesFunction:
         return slopes_of(scenes.problem, lambda podium, logs: self._amplitude(entry, scenes, case, podium))
