@@ -46,20 +46,43 @@ def evaluate(
     """
     if isinstance(problem, str | Path):
         problem = read_problem(problem)
+    check_skip(skip)
+    return evaluate_with_store(problem, skip, Store(None if store is None else Path(store)), progress)
+
+
+def check_skip(skip: tuple[str, ...]) -> None:
+    """Raise `ValueError` for unknown names in the argument `skip` of `evaluate`."""
     for name in skip:
         if name not in SKIPPABLE:
             raise ValueError(f"evaluate: skip must hold some of {', '.join(SKIPPABLE)}, got {name!r}")
-    path = None if store is None else Path(store)
+
+
+def evaluate_with_store(
+    problem: Problem, skip: tuple[str, ...], store: Store, progress: Any = None
+) -> Evaluation:
+    """Evaluate all checks of a problem; arguments as for `evaluate`, with the store of the scenes."""
     with_spread = "spread" not in skip
-    scenes = Scenes(problem, Store(path), needs_of_sets(problem), progress or NoProgress(), with_spread)
-    with scenes.store.saved_on_interruption():
-        checks = tuple(_evaluate(entry, scenes, skip) for entry in problem.checks)
+    scenes = Scenes(problem, store, needs_of_sets(problem), progress or NoProgress(), with_spread)
+    with store.saved_on_interruption():
+        is_started = {
+            entry.id: not _reason_not_made(entry, problem, skip) and KINDS[entry.kind].start(entry, scenes)
+            for entry in problem.checks
+        }
+        last = sorted(problem.checks, key=lambda entry: is_started[entry.id])
+        by_id = {entry.id: _evaluate(entry, scenes, skip) for entry in last}
+        checks = tuple(by_id[entry.id] for entry in problem.checks)
         outcomes = {
             name: {assumption.id: assumption.test(problem, scenes.peaks(name)) for assumption in ASSUMPTIONS}
             for name in scenes.used_sets
             if any(check.motions == name and check.values is not None for check in checks)
         }
     return Evaluation(problem, scenes, checks, outcomes, tuple(skip), tables_of)
+
+
+def sets_of_checks(problem: Problem, skip: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the names of the sets of motions that checks need, without the checks that are not made."""
+    made = [entry for entry in problem.checks if not _reason_not_made(entry, problem, skip)]
+    return tuple(dict.fromkeys(str(entry.motions) for entry in made if entry.motions))
 
 
 def needs_of_sets(problem: Problem) -> dict[str, Needs]:
@@ -73,15 +96,21 @@ def needs_of_sets(problem: Problem) -> dict[str, Needs]:
     return needed
 
 
+def _reason_not_made(entry: Entry, problem: Problem, skip: tuple[str, ...]) -> str:
+    """Return the reason why a check is not made; "" if it is made, unless its evaluation raises an error."""
+    kind = KINDS[entry.kind]
+    reason = kind.missing(entry, problem)
+    if not reason and kind.skip_name in skip and not isinstance(kind, ByOthers):
+        reason = f"Left out on request (skip {kind.skip_name})."
+    return reason
+
+
 def _evaluate(entry: Entry, scenes: Scenes, skip: tuple[str, ...]) -> Check:
     """Return the check of an entry. If the evaluation raises an error, the result is NOT MADE, with the error
     as the reason."""
-    kind = KINDS[entry.kind]
-    reason = kind.missing(entry, scenes.problem)
+    kind, reason = KINDS[entry.kind], _reason_not_made(entry, scenes.problem, skip)
     if isinstance(kind, ByOthers):
         return Check(entry, kind, "BY OTHERS", reason)
-    if not reason and kind.skip_name in skip:
-        reason = f"Left out on request (skip {kind.skip_name})."
     if reason:
         return Check(entry, kind, "NOT MADE", reason)
     try:

@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any
 from rockjax._files import write_atomically
 
 from .assemble import page_of, units_of
-from .evaluate import evaluate
+from .evaluate import check_skip, evaluate_with_store, sets_of_checks
 from .evaluation import Evaluation
 from .problem import Problem
+from .sections import methods
+from .store import Store
 
 if TYPE_CHECKING:
     from .blocks import Page
@@ -121,7 +123,6 @@ def report(
         raise ValueError(
             f"report: output must be a .html file, got {path.name}; for a PDF, print the page from a browser"
         )
-    store = None if path is None else path.with_suffix(".nc")
     if isinstance(problem, Evaluation):
         evaluation = problem
     else:
@@ -133,7 +134,11 @@ def report(
             from .units import Units
 
             Units.parse(units or problem.report.units or ())  # raises before anything is solved
-        evaluation = evaluate(problem, skip=skip, store=store, progress=progress)
+        check_skip(skip)
+        store = Store(None if path is None else path.with_suffix(".nc"))
+        if "methods" not in skip:
+            methods.start(problem, store, sets_of_checks(problem, skip))
+        evaluation = evaluate_with_store(problem, skip, store, progress)
     chosen = units_of(evaluation, units)
     with evaluation.scenes.store.saved_on_interruption():
         result = Report(evaluation, page_of(evaluation, chosen, command), chosen)

@@ -6,6 +6,7 @@ of factors between two boundaries.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import jax
@@ -55,10 +56,20 @@ def least_factors(scenes: Scenes, name: str, event: str) -> xarray.Dataset:
 
     Raises `RuntimeError` if uplift starts at a factor that is too small to be found.
     """
+    return scenes.store.get(*_stored_search(scenes, name, event))
+
+
+def start_search(scenes: Scenes, name: str, event: str) -> bool:
+    """Start the search of `least_factors` in another thread. Return whether it was started."""
+    return scenes.store.start(*_stored_search(scenes, name, event))
+
+
+def _stored_search(scenes: Scenes, name: str, event: str) -> tuple[str, str, Callable[[], xarray.Dataset]]:
+    """Return the arguments of `Store.get` for the search of `least_factors`."""
     motions, podium, options = scenes.motion_set(name), scenes.problem.podium, scenes.problem.options
     inputs_hash = fingerprint(podium, motions.identities, options, event, MAX_SCALE, WINDOW_FACTORS)
     solve = _uplift if event == "uplift" else _overturning
-    return scenes.store.get(f"scales.{name}.{event}", inputs_hash, lambda: solve(scenes, motions))
+    return f"scales.{name}.{event}", inputs_hash, lambda: solve(scenes, motions)
 
 
 def just_below(factors: np.ndarray, end: float = MAX_SCALE) -> np.ndarray:
@@ -108,7 +119,12 @@ def _overturning(scenes: Scenes, motions: MotionSet) -> xarray.Dataset:
 
     scenes.describe(f"overturning factors of {motions.name}")
     options = boundary_options(scenes.problem)
-    plane = _scaled_motions(scenes.problem.podium, motions)
+    scaled = _scaled_motions(scenes.problem.podium, motions)
+
+    def plane(motion: np.ndarray, factor: np.ndarray) -> tuple[Podium, Any]:
+        scenes.store.raise_if_stopped()
+        return scaled(motion, factor)
+
     found = scan(plane, np.arange(len(motions)), (0.0, MAX_SCALE), ROW_SIZE, options, first_only=True)
     factors, _ = found.crossings.first(len(motions))
     # Boundaries are bisected to rounding, so the error of a factor is the error of the scenes.

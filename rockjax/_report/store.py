@@ -5,15 +5,19 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
 
+from rockjax._machine.threads import submit
 from rockjax._responses.datasets import describe_versions
+from rockjax._results import Interrupted
 
 if TYPE_CHECKING:
     import xarray
@@ -41,12 +45,16 @@ MIN_WRITE_INTERVAL = 30.0  # least time between two writes of an unfinished stor
 class Store:
     """Datasets by name, each with the fingerprint of its inputs.
 
+    Long computations can be started in another thread (`start`), while this thread computes other datasets.
+
     - `path`: file (.nc) of the datasets; datasets that it already has are read. None keeps all in memory
     """
 
     def __init__(self, path: Path | None = None):
         self.path, self.computed, self.last_write = path, 0, time.monotonic()
         self.data: dict[str, xarray.Dataset] = {}
+        self._started: dict[str, tuple[str, Future]] = {}  # name → fingerprint, dataset to come
+        self._stop = threading.Event()
         for candidate in () if path is None else (path, _partial(path)):
             self._load(candidate)
 
@@ -75,10 +83,10 @@ class Store:
         - `inputs_hash`: fingerprint of the inputs of the dataset
         - `compute`: function that computes the dataset
         """
-        stored = self.data.get(name)
-        if stored is not None and stored.attrs["fingerprint"] == inputs_hash:
-            return stored
-        data = compute()
+        if self._has(name, inputs_hash):
+            return self.data[name]
+        started_hash, future = self._started.pop(name, ("", None))
+        data = future.result() if future is not None and started_hash == inputs_hash else compute()
         data.attrs["fingerprint"] = inputs_hash
         self.data[name] = data
         self.computed += 1
@@ -86,19 +94,39 @@ class Store:
             self.save_unfinished()
         return data
 
+    def start(self, name: str, inputs_hash: str, compute: Callable[[], xarray.Dataset]) -> bool:
+        """Start to compute a dataset in another thread, unless it is stored; `get` waits for the result.
+
+        The arguments are those of `get`. `compute` should call `raise_if_stopped` from time to time. Returns
+        whether the dataset is still to come.
+        """
+        if self._has(name, inputs_hash):
+            return False
+        if self._started.get(name, ("",))[0] != inputs_hash:
+            self._started[name] = inputs_hash, submit(compute)
+        return True
+
+    def raise_if_stopped(self) -> None:
+        """Raise `Interrupted` if an exception, such as Ctrl-C, has ended the report."""
+        if self._stop.is_set():
+            raise Interrupted("stopped", None)
+
+    def _has(self, name: str, inputs_hash: str) -> bool:
+        stored = self.data.get(name)
+        return stored is not None and stored.attrs["fingerprint"] == inputs_hash
+
     def text(self, name: str, inputs_hash: str, compute: Callable[[], str]) -> str:
         """Return a text from the store, or compute and store it. The arguments are those of `get`."""
-        import xarray
-
-        data = self.get(name, inputs_hash, lambda: xarray.Dataset({"text": ((), compute())}))
-        return str(data["text"].values)
+        return str(self.get(name, inputs_hash, lambda: dataset_of_text(compute()))["text"].values)
 
     @contextlib.contextmanager
     def saved_on_interruption(self) -> Iterator[None]:
-        """Write an unfinished store if an exception, such as Ctrl-C, ends the `with` block."""
+        """If an exception, such as Ctrl-C, ends the `with` block, stop the computations in other threads and
+        write an unfinished store."""
         try:
             yield
         except BaseException:
+            self._stop.set()
             self.save_unfinished()
             raise
 
@@ -128,6 +156,13 @@ class Store:
         attrs = {"title": "Scenes of a report", "kind": "report", "Conventions": CONVENTIONS}
         tree = xarray.DataTree.from_dict({"/": xarray.Dataset(attrs=attrs), **self.data})
         write_atomically(path, lambda name: tree.to_netcdf(name, engine="netcdf4"))
+
+
+def dataset_of_text(text: str) -> xarray.Dataset:
+    """Return a dataset with a text."""
+    import xarray
+
+    return xarray.Dataset({"text": ((), text)})
 
 
 def dataset_of(arrays: Mapping[str, Any]) -> xarray.Dataset:

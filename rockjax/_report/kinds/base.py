@@ -87,6 +87,12 @@ class Kind(abc.ABC):
     has_one_value: bool = False
     skip_name: str = ""
 
+    def start(self, entry: Entry, scenes: Scenes) -> bool:
+        """Start a long computation of an entry in another thread, and return whether one was started. Checks
+        of such entries are evaluated after the others."""
+        del entry, scenes
+        return False
+
     # ------------------------------------------------------------------------------------------------ reading
     def read(self, keys: CheckKeys, reader: Reader, file: models.Problem, podium: Podium) -> dict[str, Any]:
         """Return the arguments of an entry, from the keys of its kind and from other tables of the file.

@@ -24,6 +24,7 @@ from rockjax._report.scales import (
     just_below,
     least_factor_slopes,
     least_factors,
+    start_search,
 )
 from rockjax._report.scenes import Scenes
 from rockjax._report.store import fingerprint
@@ -63,6 +64,9 @@ class ScaleKind(Kind):
     """A check of the least factor on each motion that causes the `event` "uplift" or "overturning"."""
 
     event: str = "overturning"
+
+    def start(self, entry: Entry, scenes: Scenes) -> bool:
+        return start_search(scenes, str(entry.motions), self.event)
 
     def values(self, entry: Entry, scenes: Scenes, law: str | None = None, variation: str = "") -> Values:
         del law, variation

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,16 +12,20 @@ import numpy as np
 from rockjax._motions.motion import Motion
 from rockjax._practice.base import MethodResult
 from rockjax._practice.methods import simplified_methods
+from rockjax._practice.registry import METHODS
 from rockjax._report.blocks import Paragraph, Section
 from rockjax._report.cells import number_cell, peak_cell, slug
-from rockjax._report.store import fingerprint
+from rockjax._report.store import Store, dataset_of_text, fingerprint
 from rockjax._report.tables import Column, Quantity, Table, TextCell
 from rockjax._report.units import Units, kind_of_unit
 
 from .common import sets_with_scenes
 
 if TYPE_CHECKING:
+    import xarray
+
     from rockjax._report.evaluation import Evaluation
+    from rockjax._report.problem import Problem
 
 TITLE = "Simplified methods beside the exact answer"
 
@@ -35,27 +40,47 @@ def section(evaluation: Evaluation, units: Units) -> Section:
         Paragraph("For comparison only: no check rests on these methods.", is_note=True),
     ]
     for name in sets_with_scenes(evaluation):
-        motions = problem.motions[name]
-        if not all(isinstance(member, Motion) for member in motions.members):
+        if not _has_records(problem, name):
             continue
-        blocks += _tables(evaluation, name, _results(evaluation, name))
+        blocks += _tables(evaluation, name, _results(problem, evaluation.scenes.store, name))
     if len(blocks) == 1:
         blocks.append(Paragraph("The methods need records; no check uses a set of records."))
     return Section(9, TITLE, tuple(blocks))
 
 
-def _results(evaluation: Evaluation, name: str) -> list[MethodResult]:
-    """Return the results of the methods for a set of motions; compute them only if the store has none."""
-    problem, motions = evaluation.problem, evaluation.problem.motions[name]
-    friction = problem.joints.friction
+def start(problem: Problem, store: Store, names: Iterable[str]) -> None:
+    """Start to compute the results of the methods for sets of motions, in other threads."""
+    for name in names:
+        if _has_records(problem, name):
+            store.start(*_stored_results(problem, store, name))
 
-    def results_text() -> str:
-        results = simplified_methods(problem.podium, list(motions.members), friction=friction)
-        entries = [dataclasses.asdict(result) | {"values": {}} for result in results]
-        return json.dumps(entries, default=np.ndarray.tolist)
+
+def _has_records(problem: Problem, name: str) -> bool:
+    """Return whether all motions of a set are records, which the methods need."""
+    return all(isinstance(member, Motion) for member in problem.motions[name].members)
+
+
+def _stored_results(problem: Problem, store: Store, name: str) -> tuple[str, str, Callable]:
+    """Return the arguments of `Store.get` for the results of the methods for a set of motions."""
+    motions, friction = problem.motions[name], problem.joints.friction
+
+    def compute() -> xarray.Dataset:
+        entries = []
+        for method in METHODS:
+            store.raise_if_stopped()
+            (result,) = simplified_methods(
+                problem.podium, list(motions.members), friction=friction, methods=(method,)
+            )
+            entries.append(dataclasses.asdict(result) | {"values": {}})
+        return dataset_of_text(json.dumps(entries, default=np.ndarray.tolist))
 
     inputs_hash = fingerprint(problem.podium, motions.identities, motions.names, friction)
-    entries = json.loads(evaluation.scenes.store.text(f"methods.{name}", inputs_hash, results_text))
+    return f"methods.{name}", inputs_hash, compute
+
+
+def _results(problem: Problem, store: Store, name: str) -> list[MethodResult]:
+    """Return the results of the methods for a set of motions."""
+    entries = json.loads(str(store.get(*_stored_results(problem, store, name))["text"].values))
     for entry in entries:
         for key in ("demand", "rotation_ratio"):
             entry[key] = None if entry[key] is None else np.array(entry[key])
