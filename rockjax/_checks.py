@@ -1,8 +1,8 @@
 """Checks of arguments and their conversion to arrays.
 
 Only concrete values (numbers, not JAX tracers) are checked. Values that `jax.jit`, `jax.vmap` or `jax.grad`
-traces cannot be checked; a scene reports only some invalid ones, such as NaN, by its `result`. Messages begin
-with the class or function (`owner`), or with the argument (`label`, `name`).
+traces cannot be checked. If a traced value is invalid, the `result` of the scene reports only some cases,
+such as NaN. Messages begin with the class or function (`owner`), or with the argument (`label`, `name`).
 """
 
 import functools
@@ -52,8 +52,8 @@ def as_float(x, label: str = "the value") -> Array:
 
 
 def as_numpy_unless_traced(x, label: str = "the value") -> Any:
-    """Return `as_float(x)`, as a NumPy array unless `x` is traced, because outside jit every jnp call
-    compiles separately."""
+    """Return `as_float(x)`, converted to a NumPy array unless `x` is traced. NumPy does not compile, whereas
+    outside jit every jnp call compiles separately."""
     x = as_float(x, label)
     return x if isinstance(x, Tracer) else np.asarray(x)
 
@@ -67,8 +67,8 @@ def as_array(x) -> Array:
 
 
 def refuse_gaps(name: str, x) -> None:
-    """Raise `ValueError`, which names the first gap, if `x` has missing values: masked values, None in a
-    list, or elements that are not numbers (None, NA) in an array of objects."""
+    """Raise `ValueError`, whose message names the first gap, if `x` has missing values: masked values, None
+    in a list, or elements that are not numbers (None, NA) in an array of objects."""
     if isinstance(x, np.ma.MaskedArray):
         gaps = np.ma.getmaskarray(x)
     elif isinstance(x, np.ndarray) and x.dtype.kind == "O":
@@ -92,12 +92,13 @@ _SENTINELS = (
 
 
 def refuse_sentinels(name: str, samples: np.ndarray) -> None:
-    """Raise `ValueError`, which names the gap, if samples contain a value that stands for missing samples,
-    such as -999.
+    """Raise `ValueError`, whose message names the gap, if samples contain a value that stands for missing
+    samples, such as -999.
 
-    One of the `_SENTINELS`, with either sign, counts as such a value if its absolute value is more than three
-    times as large as those of all other samples. It also counts if it fills at least three successive
-    samples, and the samples jump by more than half its absolute value where it begins or ends.
+    One of the `_SENTINELS`, with either sign, stands for missing samples if its absolute value is more than
+    three times the largest absolute value of the other samples. It also does so if it fills at least three
+    successive samples somewhere, and the samples jump by more than half its absolute value at the start or
+    end of a run of it.
     """
     sizes = np.abs(samples)
     if not sizes.size or sizes.max() < _SENTINELS[0] - 1:
@@ -196,7 +197,8 @@ def product(a, b) -> Any:
 
 
 def require(owner: str, name: str, x, ok: Callable[[np.ndarray], np.ndarray], accepted: str) -> None:
-    """Raise `ValueError`, which names a rejected value, unless every number in `x` is finite and accepted.
+    """Raise `ValueError`, whose message names a rejected value, unless every number in `x` is finite and
+    accepted.
 
     - `owner`, `name`: class or function, and its argument, for the message
     - `x`: number or array; traced values pass

@@ -1,18 +1,17 @@
 """The overturning boundary of a podium: the least scale (factor on a ground motion) that overturns it, with
 derivatives with respect to the parameters of podium and motion.
 
-A larger scale may survive although a smaller one overturns. Under a record, windows (intervals of scales that
-overturn) may be as narrow as 1e-4 of the range, without any effect on neighbouring scales. Therefore scales
-are evaluated in ascending order up to the first that overturns, so closely spaced that every window wider
-than a requested width is found. The change from survival to overturning is then enclosed in ever narrower
-brackets. If no value is traced by JAX, the scenes are solved as batches on all cores. Under `jit` a loop
-solves a fixed number of scales at a time.
+A scene is one podium under one scaled motion. The podium may survive a scale although a smaller scale
+overturns it. Under a record, windows (intervals of scales that overturn) may be as narrow as 1e-4 of the
+searched range, without any effect on neighbouring scales. Therefore scales are evaluated in ascending order
+up to the first that overturns, so closely spaced that every window wider than a requested width is found. The
+change from survival to overturning is then enclosed in ever narrower brackets. If no value is traced by JAX,
+the scenes are solved as batches on all cores. Under `jit` a loop solves a fixed number of scales at a time.
 
-The overturning margin M of a scene (one podium under one motion) is positive if the columns survive and
-negative if they overturn. Derivatives of the boundary a* follow from the implicit function theorem, da* =
-−dM/(∂M/∂a), with the scale a and with M just past the boundary. M passes through zero with a nonzero slope.
-The derivatives are therefore well conditioned, even though the columns stay near the unstable equilibrium for
-a long time.
+The overturning margin M of a scene is positive if the columns survive and negative if they overturn.
+Derivatives of the boundary a* follow from the implicit function theorem, da* = −dM/(∂M/∂a). Here a is the
+scale, and M is taken just past the boundary. M passes through zero with a nonzero slope. The derivatives are
+therefore well conditioned, even though the columns stay near the unstable equilibrium for a long time.
 """
 
 from __future__ import annotations
@@ -54,7 +53,7 @@ from .refinement import SPACING_SHARE
 
 MAX_ACCELERATION_RATIO = 12.0  # default end of the search for pulses, a_p/(g tan α) [–]
 BOUNDARY = Options(rtol=1e-11, atol=1e-13)  # default options, which determine the accuracy of a boundary
-ONE_SIDED_BELOW = 1e-4  # if a minimum of the margin is below this, the boundary is about to jump to its scale
+ONE_SIDED_BELOW = 1e-4  # if the dip (see `Boundary`) is lower, the boundary is about to jump
 
 
 class Boundary(Module):
@@ -63,14 +62,15 @@ class Boundary(Module):
     - `scale`: the least factor on the motion that overturns [–], inf if no scale in the range overturns;
       differentiable (the derivative is zero if `scale` is inf)
     - `found`: True if a scale in the range overturns
-    - `impacts`: number of impacts before overturning, at a scale just past the boundary
-    - `dip`: the least minimum of the overturning margin as a function of the scale, below the boundary; 1 if
-      there is no minimum. If the dip became zero, the boundary would jump to the scale of this minimum
+    - `impacts`: number of impacts before overturning, at a scale just past the boundary; 0 if no scale in the
+      range overturns
+    - `dip`: the lowest local minimum of the overturning margin at scales below the boundary; 1 if there is no
+      minimum. If the dip became zero, the boundary would jump to the scale of this minimum
     - `one_sided`: True if the dip is so low that the boundary is about to jump; the derivative is then
       one-sided
     - `certain_width`: resolution of the search [–]: an interval of overturning scales below `scale` can have
-      been missed only if it is not wider than this. `certain_width` is at most the requested `width` times
-      `max_scale`, unless scenes did not finish
+      been missed only if it is at most as wide as `certain_width`. This is at most the requested `width`
+      times `max_scale`, unless scenes did not finish
     """
 
     scale: Float[Array, "*batch"]
@@ -111,8 +111,8 @@ def overturning_acceleration(
     the limit overturns it.
 
     The function works under `jit` and `vmap`. `grad` and `jacfwd` give derivatives with respect to `T_p` and
-    every parameter of `podium`. They are exact unless the boundary jumps, and zero if the result is inf.
-    [`rockjax.overturning_boundary`][] returns more details.
+    every parameter of `podium`. The derivatives are exact unless the boundary jumps, and zero if the result
+    is inf. [`rockjax.overturning_boundary`][] returns more details.
 
     - `podium`: podium with scalar parameters
     - `pulse`: a class of pulses such as `rockjax.Ricker`, or a function (a_p, T_p) ↦ excitation that is
@@ -121,7 +121,7 @@ def overturning_acceleration(
       constant under differentiation
     - `T_p`: pulse period, > 0 [s]
     - `max_acceleration_ratio`: end of the search, a_p/(g tan α), > 0 [–]
-    - `options`: options of the scenes; `options.overturn_ratio` defines overturning
+    - `options`: options of the scenes; a scene overturns if |θ|/α reaches `options.overturn_ratio`
     - `width`, `resolution`: see [`rockjax.overturning_boundary`][]
 
     Raises `ValueError` for invalid inputs, if they are concrete.
@@ -174,20 +174,22 @@ def overturning_boundary(
     """Return the least factor in (0, max_scale] on a ground motion that overturns a podium, with details.
 
     The function works under `jit` and `vmap`; `scale` has derivatives with respect to every parameter of
-    `podium` and `excitation`. `options.overturn_ratio` defines overturning. If the overturning angle exceeds
-    the stability angle, there is no overturning margin: dips are then determined from the peak rotation, and
-    derivatives from the time of overturning.
+    `podium` and `excitation`. A scene overturns if |θ| reaches the overturning angle,
+    `options.overturn_ratio` times α. If this angle exceeds the stability angle, or if JAX traces
+    `options.overturn_ratio`, there is no overturning margin. Dips are then determined from the peak rotation,
+    and derivatives from the time of overturning.
 
     - `podium`: podium with scalar parameters
     - `excitation`: ground motion that can be scaled
     - `max_scale`: end of the search, > 0 [–]
     - `options`: options of the scenes, which determine the accuracy of the boundary
     - `width`: resolution of the search as a fraction of `max_scale`, in (0, 0.1]. An interval of overturning
-      scales below the returned boundary can be missed only if it is narrower than this. Scales are evaluated
-      from the first that lifts the columns up to the boundary. Their spacing follows from derivatives of the
-      margin; under `jit` it is about `width` times `max_scale`. A `max_scale` far above the boundary costs
-      little time, but a range in which nothing overturns needs up to about 1/`width` scenes
-    - `resolution`: least number of equal steps in the range, however large `width` is; a whole number ≥ 32
+      scales below the returned boundary can be missed only if it is narrower than this fraction. The search
+      takes fine steps only from the first scale that lifts the columns up to the boundary. Their length
+      follows from derivatives of the margin; under `jit` it is about `width` times `max_scale`. A `max_scale`
+      far above the boundary costs little time, but a range in which nothing overturns needs up to about
+      1/`width` scenes
+    - `resolution`: a `width` above 1/`resolution` is reduced to 1/`resolution`; a whole number ≥ 32
 
     Raises `ValueError` for invalid inputs, if they are concrete.
     """
@@ -267,8 +269,9 @@ def _boundary(podium: Podium, excitation, limit, options: Options, width, uses_m
 def boundary_slopes(
     podium: Podium, excitation: AbstractExcitation, scale: float, max_scale: float, options: Options
 ) -> tuple[np.ndarray, tuple[int, ...]]:
-    """Return the derivatives of a known boundary with respect to the k parameters, shape (k,), and the
-    indices of these parameters among the leaves of (podium, excitation in its common form).
+    """Return the derivatives of a known boundary with respect to the k scalar parameters of podium and
+    excitation, shape (k,), and the indices of these parameters among the leaves of (podium,
+    excitation.common_form()).
 
     - `podium`, `excitation`, `max_scale`, `options`: arguments of the search; no value may be traced
     - `scale`: the boundary; if it is inf, the derivatives are zero
@@ -336,6 +339,7 @@ def _search_in_batches(rows: list[np.ndarray], count: int, structure, uses_margi
     podium, excitation, limit, settings = jax.tree.unflatten(structure, rows)
     limits = np.broadcast_to(limit, count)
 
+    # Each search is a line of the scan, along which the scale goes from 0 to 1 times the limit of the search.
     def plane(line, fraction):
         pick = lambda y: y[0] if y.shape[0] == 1 else y[np.asarray(line, np.int32)]
         motion = _pick_motions(excitation, np.asarray(line, np.int32), pick)

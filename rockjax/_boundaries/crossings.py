@@ -1,8 +1,9 @@
 """Changes between survival and overturning along lines of scenes.
 
-A line is a set of scenes with the same x and varying y, such as the period x and the amplitude y of a pulse.
-Lines are scanned first, and every change is then enclosed in a narrow bracket. The margin of a scene is
-positive if it survives and negative if it overturns; a dip is a minimum of the margin along a line.
+A scene is one podium under one motion. A line is a set of scenes with the same x and varying y, such as the
+period x and the amplitude y of a pulse. Lines are scanned first, and every change is then enclosed in a
+narrow bracket. The margin of a scene is positive if the scene survives and negative if it overturns; a dip is
+a minimum of the margin along a line.
 """
 
 from __future__ import annotations
@@ -97,9 +98,10 @@ class Scan(NamedTuple):
     function of y."""
 
     crossings: Crossings
-    lower_end_survives: np.ndarray  # True for lines whose lower end survives
-    dip: np.ndarray  # lowest dip below the first crossing of each line; 1 for a line without dips
-    certain_width: np.ndarray  # largest width in y of an overturning interval that may have been missed
+    lower_end_survives: np.ndarray  # True for lines whose lowest scene (of those that finished) survives
+    dip: np.ndarray  # lowest dip below the first change of each line; 1 for a line without dips
+    # Largest width in y of an overturning interval below the first change that may have been missed.
+    certain_width: np.ndarray
     scenes: int  # number of solved scenes
 
 
@@ -127,13 +129,13 @@ def scan(
       unnoticed; ignored with `first_only`
     - `first_only`: True to return only the first change of each line
     - `width`: resolution of the search as a fraction of the range. If the motion is proportional to y, an
-      overturning interval below the first change can be missed only if it is narrower than this. None omits
-      the search for such intervals
+      overturning interval below the first change can be missed only if it is narrower than this fraction.
+      None omits the search for intervals between the grid points
     - `dips`: True to refine the lowest dips of the margin; otherwise only dips in which an overturning
       interval may open are refined, and `Scan.dip` is approximate
 
     Changes are enclosed in brackets of a relative width of 1e-12 or, if this is larger, of a tenth of
-    `options.rtol`. Raises `RuntimeError` if no scene of a line finishes.
+    `options.rtol`. Raises `RuntimeError` if there is a line on which no scene finishes.
     """
     x = np.asarray(x, float)
     scenes = 0
@@ -204,7 +206,7 @@ def margins(
     - `options`: options of the scenes
     - `progress`: `True` for a progress bar, or any object with a method `update(number_of_scenes)`
     - `has_distances`: True to compute edge distances: the estimated change of y at which the scene could
-      overturn (see `_batch/edge_distance.py`). Otherwise they are 0
+      overturn (see `_batch/edge_distance.py`); False to return zeros instead
 
     If a scene does not finish, its margin is NaN and its edge distance 0.
     """
@@ -235,8 +237,8 @@ def margins(
 
 
 def _has_edge_distances(plane: Plane, x: np.ndarray, max_y: float, options: Options) -> bool:
-    """Return whether scenes have edge distances: the overturning margin applies (`has_margin`), and the
-    motion is proportional to y."""
+    """Return whether scenes have edge distances: the overturning margin applies (`has_margin`), the podium is
+    the same for all y, and the motion is proportional to y."""
     at_max, at_half = plane(x, np.full(1, max_y)), plane(x, np.full(1, 0.5 * max_y))
     if not has_margin(options, at_max[0]):
         return False
@@ -244,8 +246,8 @@ def _has_edge_distances(plane: Plane, x: np.ndarray, max_y: float, options: Opti
     leaves, structures = zip(*map(jax.tree.flatten, equal_if_scaled), strict=True)
     if structures[0] != structures[1]:
         return False
-    # Under a JAX transformation the numbers of samples are tracers. They do not depend on y, so that they
-    # need not be compared.
+    # Under a JAX transformation the numbers of samples are tracers. The numbers of samples do not depend on y
+    # and need not be compared.
     pairs = [pair for pair in zip(*leaves, strict=True) if not any(isinstance(y, Tracer) for y in pair)]
     return all(a is b or np.allclose(np.asarray(a), np.asarray(b), rtol=1e-6, atol=0.0) for a, b in pairs)
 

@@ -1,8 +1,9 @@
 """Search, within a compiled program, for the first boundary of one motion: the least factor on the motion
 that overturns.
 
-Scales (factors on the motion) are simulated `ROW_SIZE` at a time, in rows. The margin of a scene is 1 if the
-columns do not lift, and ≤ 0 if they overturn. The stages are:
+Scales (factors on the motion) are simulated in rows of `ROW_SIZE` scales. A scene is the podium under one
+scaled motion. The margin of a scene is 1 if the columns do not lift, and ≤ 0 if they overturn. The stages
+are:
 
 1. A coarse row over the whole range shows up to which scale the columns never lift.
 2. From there, rows at the requested spacing follow up to the first scale that overturns.
@@ -27,10 +28,10 @@ from jax import Array
 from rockjax._roots import points_near_root
 
 ROW_SIZE = 32  # number of scales in a row
-DIPS = ROW_SIZE // 2  # number of lowest dips that are refined, each by one new scale on either side
+DIPS = ROW_SIZE // 2  # number of lowest dips that a row refines, each by one new scale on either side
 MAX_ZOOMS = 7  # number of rows that refine the dips
 BRACKET_TOLERANCE = 1e-12  # relative width at which a bracket is narrow enough
-MAX_DIVISIONS = 12  # largest number of times that a bracket is divided
+MAX_DIVISIONS = 12  # largest number of rows that narrow the bracket
 # Distances of scales from the linearly interpolated root, divided by the width of the bracket.
 ROOT_OFFSETS = np.logspace(-9, -1, ROW_SIZE // 4)
 
@@ -47,7 +48,7 @@ class FirstBoundary(NamedTuple):
     scale: Any  # the least scale that overturns; inf if nothing overturns
     dip: Any  # the lowest dip of the margin below the boundary; 1 if there is none
     certain_width: Any  # largest width of an overturning interval below `scale` that may have been missed
-    impacts: Any  # number of impacts before overturning
+    impacts: Any  # number of impacts before overturning; 0 if nothing overturns
 
 
 class _State(NamedTuple):
@@ -61,7 +62,7 @@ class _State(NamedTuple):
     hi: Array  # the first scale that overturns; inf until one is found
     hi_margin: Array  # margin at `hi`
     impacts: Array  # number of impacts at `hi`
-    widest_step: Array  # largest step between neighbouring finished scenes below `hi`
+    widest_step: Array  # largest step between neighbouring finished scenes up to `hi`
     previous: Array  # the surviving scale before `lo`
     previous_margin: Array  # margin at `previous`
     dips: Array  # scales around the lowest dips: before, at and after the minimum, shape (DIPS, 3)
@@ -158,6 +159,7 @@ def _update_scan(state: _State, scales: Array, margin: Array, impacts: Array, li
     # below the mean of its two neighbours.
     depth = 2 * margins[:, 1] - 0.5 * (margins[:, 0] + margins[:, 2])
     _, lowest = jax.lax.top_k(-depth, DIPS)
+    # The arrays `scales` and `margin` begin with the two previous survivors, `impacts` does not: `first - 2`.
     return state._replace(
         stage=jnp.where(is_found, CONFIRM, jnp.where(at_limit, ZOOM, SCAN)),
         scanned_to=scales[-1],
@@ -175,7 +177,7 @@ def _update_scan(state: _State, scales: Array, margin: Array, impacts: Array, li
 
 
 def _confirm_scales(state: _State, limit: Array, spacing: Array) -> Array:
-    """Return scales from the survivor before `lo` to one step after `hi`."""
+    """Return scales that follow the survivor before `lo`, up to one step after `hi`."""
     end = jnp.minimum(state.hi + (state.hi - state.lo), limit)
     return state.previous + (end - state.previous) * _row_numbers(limit) / ROW_SIZE
 

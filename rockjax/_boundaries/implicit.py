@@ -1,9 +1,10 @@
 """Derivatives of a boundary with respect to parameters of podium and motion, by the implicit function
 theorem.
 
-The boundary a* is the least factor a on the motion, or the least amplitude a, that overturns the podium. For
-this a the overturning margin M is zero. Therefore da* = −dM/(∂M/∂a). If the margin does not apply, the time
-of overturning replaces M, see `boundary_residual`.
+The boundary a* is the least factor a on the motion, or the least amplitude a, that overturns the podium. At
+the boundary the overturning margin M is zero. Therefore da* = −dM/(∂M/∂a), where dM is the change of M due to
+the parameters at a fixed a. If the margin does not apply, the time of overturning replaces M, see
+`boundary_residual`.
 """
 
 from __future__ import annotations
@@ -50,7 +51,10 @@ def _root_change(slope, change, fallback: float):
 
 
 def boundary_change(leaves, varied_tangents, scale, structure, varied: tuple[bool, ...], uses_margin: bool):
-    """Return the tangent of a boundary, given the tangents of parameters; zero if there is no boundary.
+    """Return the tangent of a boundary, given the tangents of parameters.
+
+    The result is zero if there is no boundary, or if the derivative of the residual with respect to the scale
+    is zero or not finite.
 
     - `leaves`: leaves of the arguments of the search, with the tree structure `structure`
     - `varied_tangents`: tangents of the leaves that vary
@@ -112,8 +116,8 @@ def log_sensitivities(
     """Return d ln a/d ln y at boundaries a, for the parameters y.
 
     - `podium`: podium with scalar parameters
-    - `a`: boundaries: pulse accelerations [m/s²] or factors on records [–], shape (n,). Where a boundary is
-      not finite, its derivatives are NaN
+    - `a`: boundaries: pulse accelerations [m/s²] or factors on records [–], shape (n,). The derivatives
+      are NaN for a boundary that is not finite
     - `rows`: for pulses the dict {"T_p": periods [s]}, for records {"which": indices in `records`}, both of
       shape (n,)
     - `names`: names of the parameters y: parameters of the podium, or `"T_p"`
@@ -125,6 +129,7 @@ def log_sensitivities(
     finite = np.flatnonzero(np.isfinite(a))
     for start in range(0, finite.size, LANES):
         group = finite[start : start + LANES]
+        # All groups have the same size, so that they share one compiled program.
         padded = np.concatenate([group, np.repeat(group[-1:], LANES - group.size)])
         group_rows = {name: y[padded] for name, y in rows.items()}
         static = {"pulse": pulse, "names": names, "uses_margin": has_margin(options, podium)}

@@ -15,15 +15,16 @@ from rockjax._structures import Podium
 # By default, a scan finds every interval of overturning that is wider than this fraction of the scanned
 # range.
 DEFAULT_WIDTH = 1e-4
-# Relative tolerance of the scenes of a scan. A boundary between scenes of a scan has about the same relative
-# error.
+# Relative tolerance of the scenes of a scan. A change between survival and overturning that is found from
+# these scenes has about the same relative error.
 SCAN_TOLERANCE = 1e-6
 _LEAST_SURVIVING_MARGIN = float(np.finfo(np.float32).tiny)  # least margin of a scene that survives
 
 
 def has_margin(options: Options, podium: Podium) -> bool:
-    """Return whether scenes have an overturning margin: the overturning angle `overturn_ratio`·α is known as
-    a number (not traced by JAX), and is at most the stability angle θ_s, which is α without tendons."""
+    """Return whether scenes have an overturning margin: the overturning angle `overturn_ratio`·α is at most
+    the stability angle θ_s, which is α without tendons and larger with tendons. The result is False if this
+    comparison is impossible because JAX traces `overturn_ratio` or, for ratios above 1, θ_s/α."""
     ratio = concrete(options.overturn_ratio)
     if ratio is None or bool(np.all(ratio <= 1)):
         return ratio is not None
@@ -69,8 +70,8 @@ def margin_options(options: Options, uses_margin: bool) -> Options:
 
 
 def scan_options(options: Options, width, xp: Any = jnp) -> Options:
-    """Return less accurate options for a scan. They are still accurate enough to find overturning intervals
-    wider than the fraction `width` of the range. Neighbouring scenes of the scan with different outcomes are
-    later solved again with `options`."""
+    """Return less accurate options for a scan, which still find overturning intervals wider than the fraction
+    `width` of the range. Neighbouring scenes of the scan with different outcomes are later solved again with
+    `options`."""
     loose = SCAN_TOLERANCE * xp.minimum(1.0, width / DEFAULT_WIDTH)
     return options.replace(rtol=xp.maximum(options.rtol, loose), atol=xp.maximum(options.atol, 1e-2 * loose))

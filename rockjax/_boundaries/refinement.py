@@ -1,20 +1,20 @@
 """Points along lines of scenes: the spacing of points, and the search for windows between points.
 
-A line is a set of scenes in which only y varies, such as the factor on the motion. A window is an interval of
-y in which scenes overturn. The search must find every window wider than a requested width; the spacing is
-slightly less than this width. The edge distance of a scene is the estimated change of y at which the scene
-could overturn (see `_batch/edge_distance.py`).
+A scene is one podium under one motion, and a line is a set of scenes in which only y varies, such as the
+factor on the motion. A window is an interval of y in which scenes overturn. The search must find every window
+wider than a requested width; the spacing is slightly less than this width. The edge distance of a scene is
+the estimated change of y at which the scene could overturn (see `_batch/edge_distance.py`).
 
 The distance of two neighbours that both survive is at most `DISTANCE_SHARE` times the sum of both edge
-distances. A window in between would contradict the edge distances, which follow from derivatives at all
+distances. A window in between would contradict the edge distances, which follow from derivatives at the
 turning points of both scenes. But windows that are a few spacings wide may have no effect on the scenes
-beside them. Therefore the distance of neighbours is also at most `MAX_SPACINGS` spacings. It is one spacing
-if edge distances are short or unknown. This rule is an estimate, not a proof. For comparison,
-`benchmarks/boundaries.py` solves scenes in steps of a quarter of the requested width.
+beside them. Therefore the distance of neighbours is also limited to `MAX_SPACINGS` spacings. If edge
+distances are short or unknown, neighbours are at most one spacing apart. This rule is an estimate, not a
+proof. For comparison, `benchmarks/boundaries.py` solves scenes in steps of a quarter of the requested width.
 
-Points are whole multiples of the spacing, so that repeated divisions of a step end at exactly one spacing.
-The first change of a line is the least y at which survival turns into overturning; a dip is a minimum of the
-margin.
+The points of this search are whole multiples of the spacing, so that repeated divisions of a step end at
+exactly one spacing. The first change of a line is the least y at which survival turns into overturning; a dip
+is a minimum of the margin.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ SolveScenes = Callable[[np.ndarray, np.ndarray, bool], SolvedScenes]
 def spacing_for(width: float | None, size: float, resolution: int) -> float:
     """Return the spacing of points with which every window wider than `width` is found.
 
-    - `width`: width of a window divided by `size`; None to omit the search, with the spacing inf
+    - `width`: width of a window divided by `size`; None to omit the search (the spacing is then inf)
     - `size`: length of the range
     - `resolution`: number of equal steps of the range; the spacing is a step divided by a whole number
     """
@@ -102,7 +102,7 @@ def resolve_windows(
     solved: SolvedScenes, solve: SolveScenes, spacing: float, first_only: bool
 ) -> SolvedScenes:
     """Solve further scenes until neighbours below the first change of each line are close enough to show
-    every window.
+    every window wider than the requested width.
 
     - `solved`: scenes solved so far
     - `solve`: (line, y, whether at full accuracy) ↦ solved scenes
@@ -120,6 +120,7 @@ def resolve_windows(
         if rows.size == 0:
             return solved
         confirmed = solve(solved.line[rows], solved.y[rows], True)
+        # Scenes that survived keep the edge distances from which the steps beside them were chosen.
         edge_distance = np.where(solved.margin[rows] > 0, solved.edge_distance[rows], confirmed.edge_distance)
         for old, new in zip(solved, confirmed._replace(edge_distance=edge_distance), strict=True):
             old[rows] = new

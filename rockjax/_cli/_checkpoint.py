@@ -1,4 +1,4 @@
-"""Partial results of an interrupted run: one netCDF file with a group for each podium."""
+"""Partial results of an interrupted run: one netCDF file with a group for each podium that has results."""
 
 from __future__ import annotations
 
@@ -29,7 +29,8 @@ def save(path: Path, datasets: Sequence[xarray.Dataset | None]) -> Path:
 
 
 def load(path: Path, count: int) -> list[xarray.Dataset | None]:
-    """Load the datasets of an interrupted run, which may be incomplete; None for podiums without results.
+    """Load the datasets of an interrupted run. A dataset may be incomplete; None stands for a podium without
+    results.
 
     Raises `ValueError` if the file does not exist, cannot be read or was not saved for `count` podiums.
     """

@@ -58,8 +58,9 @@ def fragility(
     Scales every record to all intensity levels and finds the least overturning intensity of each record
     (incremental dynamic analysis). Fits a lognormal curve with confidence intervals. Prints median,
     dispersion and sensitivities of the median; writes OUTPUT.nc (the curve, with the analysis as a group),
-    OUTPUT-fragility.png and OUTPUT-ida.png. If the problem file has contents, their fragility curves are
-    printed as a table, stored in a group of OUTPUT.nc and drawn in OUTPUT-contents.png. Ctrl-C saves nothing.
+    OUTPUT-fragility.png and OUTPUT-ida.png. If the problem file has contents (blocks on floors), their
+    fragility curves are printed as a table, stored in a group of OUTPUT.nc and drawn in OUTPUT-contents.png.
+    Ctrl-C saves nothing.
 
     \b
     Examples:

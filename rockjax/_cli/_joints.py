@@ -27,7 +27,7 @@ def joint_warnings(podium: rj.Podium, peaks: Any, friction: float | None) -> Ite
 
     - `podium`: the structure
     - `peaks`: response, peaks or dataset with `VARIABLES` and `overturned`, of a scene or a batch; None to
-      check only the podium. Scenes of a batch that overturn are ignored
+      check only the podium. In a batch, scenes that overturn are ignored; a single scene is always checked
     - `friction`: friction coefficient μ of the joints [–]; None to omit the checks of friction
     """
     import numpy as np

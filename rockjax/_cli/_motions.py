@@ -49,7 +49,8 @@ def motions(
 ) -> None:
     """Print intensity measures of ground motions: PGA, PGV, Sa(T), Arias intensity, significant duration.
 
-    With --tan-alpha and --R, also prints PGA/(g tan α) and p PGV/(g tan α). With --output, writes OUTPUT.nc.
+    With --tan-alpha and --R, also prints PGA/(g tan α) and p PGV/(g tan α), where p is the frequency
+    parameter of the columns. With --output, writes OUTPUT.nc.
     For a problem file, lists the motions of all sets: number, name, source, sampling interval, duration, PGA
     and vertical PGA.
 

@@ -125,13 +125,13 @@ def options_of(model: type[models.Keys], *names: str, **defaults: Any) -> dict[s
 
 
 def structure_options(**defaults: Any) -> dict[str, Option]:
-    """Return the options of structures by ratios and by dimensions, with these default values."""
+    """Return the options of structures by ratios and by dimensions; `defaults`: default values by key."""
     structures = (models.ByRatios, models.Superstructure, models.ByDimensions)
     return {name: entry for model in structures for name, entry in options_of(model, **defaults).items()}
 
 
 def accuracy_options(**defaults: Any) -> dict[str, Option]:
-    """Return the accuracy options named in `defaults`, with these default values."""
+    """Return the accuracy options for the keys in `defaults`, with the default values given there."""
     return options_of(models.Options, *defaults, **defaults)
 
 

@@ -18,7 +18,7 @@ def overturning(
     """Compute overturning boundaries against pulse frequency, with survival windows above the first boundary.
 
     Without options, computes Fig. 7 of the paper that defines the model (see docs/citing.md). Boundaries are
-    roots of the overturning margin, not limits between the cells of a grid. Writes OUTPUT.nc,
+    roots of the overturning margin; their accuracy depends on the tolerance, not on a grid. Writes OUTPUT.nc,
     OUTPUT-boundaries.png and, with sensitivities, OUTPUT-sensitivity.png. Ctrl-C saves the finished podiums
     in OUTPUT.partial.nc; --resume continues with the others.
 

@@ -11,9 +11,9 @@ if TYPE_CHECKING:
 
 
 def make_pulse(name: str, vertical_ratio: float | None) -> Any:
-    """Return the function (a_p, T_p) ↦ ground motion of a kind of pulse.
+    """Return the function (a_p, T_p) ↦ ground motion for one kind of pulse.
 
-    - `name`: name of the kind
+    - `name`: name of the kind, such as "ricker"
     - `vertical_ratio`: vertical divided by horizontal acceleration [–]; None for no vertical motion
     """
     from rockjax._excitations.ground import GroundMotion

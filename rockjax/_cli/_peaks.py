@@ -51,7 +51,7 @@ def peaks(request: Request, console: Console, output: Output = "rockjax-peaks") 
     podium, settings = request.podium(), request.settings
     motions = request.motion_or_set(podium)
     motion, labels = labelled_motion("peaks", motions)
-    if labels is None:
+    if labels is None:  # a single motion has no label, but a list of one motion has
         motion, labels = labelled_motion("peaks", [motions])
         assert labels is not None
     options = request.options(outputs=tuple(settings.outputs or suitable_outputs(podium)))

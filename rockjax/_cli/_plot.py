@@ -31,7 +31,7 @@ def plot(
         option(
             "--kind",
             panel=OUTPUT,
-            help="Kinds of pictures, separated by commas; by default all, but only response for a response.",
+            help="Kinds of pictures, separated by commas; by default all, for a response only 'response'.",
         ),
     ] = "",
 ) -> None:

@@ -111,7 +111,7 @@ class Request:
 
     def _structure(self, table: Any) -> Any:
         """Return the table of the structure, overridden by the options."""
-        # For these commands, the method `panels` sets the superstructures.
+        # For these two commands, the method `panels` sets the superstructures.
         has_panels = self.command in ("spectrum", "overturning")
         explicit = self.option_values(
             name for name in _STRUCTURE_KEYS if not (has_panels and name in ("T_s", "zeta"))
@@ -132,8 +132,8 @@ class Request:
     def _by_ratios(self, table: dict[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
         """Return the table of a structure by ratios, overridden by values.
 
-        A superstructure with T_s = 0 becomes rigid. A superstructure is removed if `values` set η = 0, or if
-        η is missing and neither T_s nor ζ is on the command line.
+        If `values` change the superstructure, T_s = 0 makes it rigid. It is then removed if `values` set
+        η = 0, or if η is missing and neither T_s nor ζ is on the command line.
         """
         merged = self._override(
             table, {name: y for name, y in values.items() if name not in _SUPERSTRUCTURE_KEYS}

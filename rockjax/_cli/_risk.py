@@ -17,8 +17,9 @@ def risk(request: Request, console: Console, output: Output = "rockjax-risk") ->
     """Compute the mean annual frequency of overturning from a fragility curve and the hazard of a site.
 
     Prints frequency, return period, probability in a given time, and sensitivities of the frequency to median
-    and dispersion, and to parameters of the structure if the fragility has their sensitivities. Writes
-    OUTPUT.nc (hazard, fragility and the contribution of each intensity) and OUTPUT-risk.png.
+    and dispersion. If the file of the fragility curve has sensitivities of the median to parameters of the
+    structure, those of the frequency are printed as well. Writes OUTPUT.nc (hazard, fragility and the
+    contribution of each intensity) and OUTPUT-risk.png.
 
     \b
     Examples:

@@ -77,7 +77,8 @@ class Console:
         self.add_file(write_figure(path, getattr(plots, plot)(data, **arguments).figure))
 
     def say_scenes(self, data: xarray.Dataset, total: int) -> dict[str, Any]:
-        """Print how many of `total` scenes overturned or did not finish; return these numbers by name."""
+        """Print the share of scenes that overturned, and the number of those that did not finish. Return both
+        by name, with `total`, the number of all scenes."""
         from rockjax._responses.peak import UNTIL_OVERTURNING
         from rockjax._results import did_not_finish
 
@@ -211,8 +212,8 @@ def _run_and_exit(console: Console, call: Callable[[], None]) -> None:
 
 
 def unwrap_docstring(function: Callable[..., None]) -> str:
-    """Return the docstring of a command as markup, with each paragraph in one line, because help keeps line
-    breaks."""
+    """Return the docstring of a command as markup. As help keeps line breaks, each paragraph is put on one
+    line, except those that begin with \\b."""
     paragraphs = (inspect.getdoc(function) or "").replace("[", r"\[").split("\n\n")
     return "\n\n".join(text if text.startswith("\b") else text.replace("\n", " ") for text in paragraphs)
 

@@ -65,7 +65,7 @@ def sweep(
         "rockjax-sweep.zarr"
     ),
 ) -> None:
-    """Compute peak responses of a grid of any size, chunk by chunk, on this machine or a cluster.
+    """Compute peak responses of a grid of scenes of any size, chunk by chunk, on this machine or a cluster.
 
     The axes are parameters of the structure and of the motion; a set of several motions is an additional
     axis. Writes a zarr store, which xarray opens. The same command continues an interrupted sweep: chunks in
@@ -173,7 +173,7 @@ def _client(workers: int | None, scheduler: str | None) -> Iterator[Any]:
         with Client(**connection) as client:
             yield client
         return
-    # Worker processes read these variables and share the compiled programs.
+    # Worker processes read these environment variables, so that they share JAX's cache of compiled programs.
     folder = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
     if folder is not None:
         os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(folder))

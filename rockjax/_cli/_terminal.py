@@ -74,7 +74,8 @@ def terminal() -> Iterator[None]:
 def _open_closed_streams() -> None:
     """Open the null device for standard streams that the parent process has closed.
 
-    Otherwise the next opened file would get such a stream's descriptor, and libraries would print into it.
+    Otherwise the next opened file would get the descriptor of a closed stream, and text that libraries print
+    to this stream would end up in the file.
     """
     for descriptor in range(3):
         try:

@@ -29,18 +29,18 @@ from .state import Decision, LoopState, Plan, Scene
 SIMULTANEOUS = 100
 # Step-size control: safety factor, and the limits of the factor from one step length to the next.
 SAFETY, SHRINK, GROW = 0.85, 0.2, 5.0
-# Largest |y| in the power series of `_length` for the time from θ = 0 to the next impact. For y > 1, θ of the
-# estimate never returns to 0.
+# Largest |y| in the power series of `_length` for the time from θ = 0 to the next impact. For y > 1 the
+# estimated θ never returns to 0.
 MAX_SERIES_ARGUMENT = 0.8
 GroundAcceleration = Callable[[Value], Value]  # t ↦ ground acceleration on one piece of the excitation
 
 
 class Attempt(NamedTuple):
-    """A trial step and its accuracy. "Held constant" refers to differentiation."""
+    """A trial step and its accuracy."""
 
     h: Value  # length of the step [s]
     reaches_stop: Flag  # the step ends at `stop`
-    stop: Value  # time of the next breakpoint or of the end of the scene, not held constant [s]
+    stop: Value  # time of the next breakpoint or of the end of the scene, with derivatives [s]
     ends_scene: Flag  # the step ends at the end of the scene
     starts_at_zero: Flag  # the step starts rocking from θ = 0, after an impact or an uplift
     a0: Vector  # accelerations at the start
@@ -54,13 +54,12 @@ class Attempt(NamedTuple):
 
 
 class StepOutcome(NamedTuple):
-    """Outcome of a trial: whether the step is accepted or must be shortened, and the event at its end. "Held
-    constant" refers to differentiation."""
+    """Outcome of a trial: whether the step is accepted or must be shortened, and the event at its end."""
 
     accepted: Flag
     retry_fraction: Value  # fraction of this step that is tried next; inf if no shorter step is needed
     lands: Flag  # the step ends on an event, up to the small time difference `after`
-    after: Value  # time from the end of the step to the event or breakpoint there, not held constant [s]
+    after: Value  # time from the end of the step to the event or breakpoint there, with derivatives [s]
     false_uplift: Flag  # the step does not confirm the uplift, so the columns return to full contact
     largest: tuple[Any, ...]  # largest value of each output in the step; None if the output has no maximum
 
@@ -174,7 +173,7 @@ def _to_impact(state: LoopState, theta_ddot: Value, jerk: Value, h: Value) -> Va
 def _jerk(state: LoopState, field: Acceleration, a0: Vector) -> Value:
     """Return d³θ/dt³ at the start of the step [rad/s³], for the prediction of the next impact.
 
-    It is used only under sampled ground motions, or if an output needs every impact.
+    The jerk is used only under sampled ground motions, or if an output needs every impact.
     """
     rates = jnp.ones_like(state.t), state.v, a0
     _, jerks = jax.jvp(field, (state.t, state.x, state.v), rates)

@@ -40,10 +40,11 @@ class Bounds:
     - `ground`, `vertical`: bounds on the present and later |ü_g| and |v̈_g| [m/s²]; `vertical` is the float
       0.0 if the ground does not move vertically
     - `energy`: bound on the energy per mass N m_c of all columns, (C19) [m²/s²]
-    - `min_impact_speed`: an impact with |θ̇⁻| up to this speed ends rocking [rad/s]
+    - `min_impact_speed`: an impact with a speed |θ̇⁻| before the impact up to this value ends rocking [rad/s]
     - `stays_inside`: whether the rotation stays inside the well
     - `rests`: whether the columns rest for good; the Python value False unless full contact is integrated
-    - `demand`: bound on |q| in full contact [m/s²]; only set if full contact is integrated
+      step by step
+    - `demand`: bound on |q| in full contact [m/s²]; only set if full contact is integrated step by step
     - `velocity_amplitudes`: for each mode, bound on √(u̇_i² + ω_i²u_i²) in full contact [m/s]; None without
       modes
     """
@@ -130,11 +131,11 @@ class Bounds:
         deformation.
 
         - `weights`: w_i
-        - `beam_weight`: weight of a further term in the sum, proportional to the velocity of the beam, in the
-          form of w_i²/η_i; 0 without such a term
+        - `beam_weight`: w²/m if the sum has a further term w θ̇, where ½mθ̇² is the kinetic energy of columns
+          and beam; 0 without a further term
 
-        While the columns rock, the bound is √(2E(Σ w_i²/η_i + `beam_weight`)), where E is the bound on the
-        energy. If they rest for good, it follows from `velocity_amplitudes`.
+        Unless the columns rest for good, the bound is √(2E(Σ w_i²/η_i + `beam_weight`)), where E is the bound
+        on the energy. If they rest for good, the bound follows from `velocity_amplitudes`.
         """
         rocking = jnp.sqrt(2 * self.energy * (summed(weights**2 / _nonzero(self.c.etas)) + beam_weight))
         return self.either(weighted(jnp.abs(weights), not_none(self.velocity_amplitudes)), rocking)
@@ -149,6 +150,7 @@ class Bounds:
         """Bound |Σ w_i F_i| over the modes i [m/s²]. F_i is the force of spring and damper divided by the
         modal mass, Eq. (7)."""
         modes: Vibration = not_none(self.c.vibration)
+        # The dampers also act on the velocity of the beam, |u̇_b| ≤ 2R|θ̇|.
         beam_weight = weighted(weights, modes.damping) ** 2 * self.c.two_R**2 / self.c.spin
         return self.modal_sum(weights * jnp.sqrt(modes.omega2 + modes.damping**2), beam_weight)
 

@@ -13,8 +13,8 @@ from .state import LoopState, Plan, Scene
 def certificate(scene: Scene, plan: Plan, state: LoopState, piece: Index, ground: Value | Shaking) -> Flag:
     """Return whether all requested outputs are final, whatever the rest of the excitation does.
 
-    They are final if the columns stay inside the potential well (see `bounds.py`) or rest for good, and every
-    output confirms that its accumulator (the value up to the present time) can no longer change.
+    The outputs are final if the columns stay inside the potential well (see `bounds.py`) or rest for good,
+    and every output confirms that its accumulator (the value up to the present time) can no longer change.
 
     - `scene`, `plan`: the prepared scene, and its choices fixed at compilation
     - `state`: state after a step

@@ -51,7 +51,7 @@ class Restraint(NamedTuple):
 
     restrainers: tuple[AbstractRestrainer, ...]
     slip: Value  # |elongation rate|/(Rp) below which forces with an infinite slope are smoothed
-    well: Value  # θ_w: |θ| at the top of the potential well [rad]
+    well: Value  # θ_w: |θ| at the top of the potential well, at most π/2 [rad]
     apparent_mass: Value | None  # μ; None if there are no inerters
     restrained_frequency: Value | None  # frequency of rocking due to tendons [rad/s]; None without tendons
 
@@ -80,7 +80,8 @@ class Joints(NamedTuple):
 
 
 class Coefficients(NamedTuple):
-    """Constants of a podium's equations, per mass N m_c of all columns; None for missing parts."""
+    """Constants of a podium's equations, which are divided by the mass N m_c of all columns. None stands for
+    parts that the podium does not have."""
 
     alpha: Value  # slenderness α [rad]
     sin_alpha: Value
@@ -97,7 +98,7 @@ class Coefficients(NamedTuple):
     spin: Value  # (1+λ+4γ) R², Eq. (18) [m²]
     impulse_factor: Value  # C of the energy bound, see `energy_after`
     g: Value  # acceleration of gravity [m/s²]
-    eta: Value  # η, ratio of the vibrating mass
+    eta: Value  # η, mass ratio of the vibrating mass
     vibration: Vibration | None
     restraint: Restraint | None
     # tan α (1+2γ+2η)/(1+2γ), the factor of v̈_g in the threshold, (C10); None without v̈_g.
@@ -195,7 +196,7 @@ def _joints(podium: Podium) -> Joints:
     e = jnp.maximum(podium.restitution_factor, 0.0)
     impulses_per_speed = impulses(2 * podium.R, sin, cos, gamma, eta, (bottom, top), e)
     # If inerters across both joints have the inertance μ_2, and inerters across one joint μ_1, the inertances
-    # at the bottom and the top joint are μ_2 + 2μ_1 and μ_2. The impulses need their mean, μ_2 + μ_1.
+    # at the bottom and the top joint are μ_2 + 2μ_1 and μ_2. The eccentricity needs their mean, μ_2 + μ_1.
     eccentricity = impulse_eccentricity(sin**2, gamma, eta, podium.lam, 0.5 * (bottom + top), e)
     return Joints(gamma, podium.lam, podium.dead_load, impulses_per_speed, eccentricity, arms)
 

@@ -113,7 +113,8 @@ def evaluate_guard(
     clearance_at_end = _clearance(scene, rocking, at_end, end_value, ~rising_at_end)
     rounding = 8 * jnp.finfo(h.dtype).eps * jnp.where(rocking, overturn_angle, uplift)
     time_past_end, converges = _newton_root(clearance_at_end, 0.5 * h, rounding)
-    # On z ∈ [0, 1] |q| cannot exceed the sum of the absolute values of the coefficients of q.
+    # On z ∈ [0, 1] |q| cannot exceed the sum of the absolute values of the coefficients of q. In full contact
+    # the guard can therefore break only if this sum exceeds the threshold.
     may_break = rocking | (sum(jnp.abs(k) for k in fixed) > uplift)
     dips &= is_long(h, scene.max_step)
     turns_twice = turns_more_than_once(fixed, rising, rising_at_end, dips) & may_break

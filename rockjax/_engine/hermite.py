@@ -158,6 +158,7 @@ def turning_point_of_slope(
     sign = barrier(jnp.where(rising, 1.0, -1.0))
     slope = [sign * c for c in coefficients]
     curvature = [-c for c in derivative(slope)]
+    # `curvature` has the opposite sign of d(slope)/dz, so that its zero is a minimum of the slope.
     may_dip = ~turned & (curvature[0] > 0) & (sum(curvature[1:], curvature[0]) < 0)
     pairs = zip(slope, [*curvature, jnp.zeros_like(sign)], strict=True)
     z = _first_zero([jnp.where(turned, a, b) for a, b in pairs])

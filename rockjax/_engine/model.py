@@ -222,10 +222,11 @@ def acceleration(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vect
 
     - `c`: constants of the podium
     - `sigma`: contact mode σ ∈ {−1, 0, 1}
-    - `ground`: ground acceleration ü_g, or ü_g and v̈_g, (C8) [m/s²]
+    - `ground`: ground acceleration ü_g, or ü_g and v̈_g [m/s²]
     - `x`, `v`: positions (θ [rad], u_t [m]) and velocities
 
-    In full contact (σ = 0) θ̈ = 0 and Eq. (22) is Eq. (4).
+    Restrainers add their terms of (C8) to Eq. (24). Under vertical ground motion g + v̈_g replaces g in the
+    gravity term. In full contact (σ = 0) θ̈ = 0 and Eq. (22) is Eq. (4).
     """
     resisting, added, gravity, ground = 0.0, 0.0, _weight(c, ground), horizontal(ground)
     if c.restraint is not None:

@@ -150,8 +150,8 @@ def _max_excited_step(excitation: AbstractExcitation, max_step: Value, options: 
 
 
 def _lookahead(excitation: AbstractExcitation, c: Coefficients, plan: Plan) -> AbstractLookahead:
-    """Return the lookahead, with a threshold only if the podium goes directly to its next uplift. Joint
-    forces during rests also need the extremes of ü_g on either side."""
+    """Return the lookahead, with a threshold only if the podium goes directly to its next uplift. If
+    joint forces are requested, the lookahead also finds the largest and the smallest ü_g in an interval."""
     threshold = None if plan.follows_contact else c.uplift
     if isinstance(excitation, GroundMotion):
         return excitation.lookahead(threshold, not_none(c.uplift_slope))

@@ -93,7 +93,7 @@ class LoopState(NamedTuple):
     """State of the automaton. Stamps and step lengths are held constant under differentiation; `event_time`,
     positions, velocities and accumulators carry tangents."""
 
-    t: Value  # time stamp [s]
+    t: Value  # stamp of the present time [s]
     event_time: Value  # equal to t, but differentiated as the time of an event or breakpoint [s]
     x: Vector  # positions
     v: Vector  # velocities

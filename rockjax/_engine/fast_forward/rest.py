@@ -44,8 +44,8 @@ def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopS
     side = constant(-jnp.sign(demand_on(piece)(stamp)))
     # Uplift occurs where the demand crosses the threshold, or at a breakpoint where the demand jumps above
     # the threshold. The time of the uplift has the derivatives of the crossing or of the breakpoint. If the
-    # demand crosses the threshold at a breakpoint without a jump, they follow from the piece before the
-    # breakpoint.
+    # demand crosses the threshold at a breakpoint without a jump, these derivatives follow from the piece
+    # before the breakpoint.
     previous_breakpoint = excitation.breakpoint(excitation.before(piece))
     at_breakpoint = constant(previous_breakpoint) == stamp
     jump = demand_on(piece)(stamp) - demand_on(excitation.before(piece))(stamp)
