@@ -59,8 +59,8 @@ _SUPERSCRIPTS = str.maketrans("²³⁻¹", "23-1")
 _SI = {"acceleration": "m s-2", "velocity": "m s-1", "displacement": "m", "ratio": "1"}
 _DISPLAYED = {"m s-2": "m/s²", "s-2": "1/s²", "m s-1": "m/s", "rad s-1": "rad/s", "N m-1": "N/m", "1": "–"}
 
-# Units that users may pass for records, and all units of acceleration that file headers may contain, with
-# their factors to m/s².
+# Factors to m/s²: of the units that users may pass for records, and of all units of acceleration that file
+# headers may contain. `INTENSITY_UNITS` are the units that intensity measures may have.
 RecordUnit = Literal["g", "m/s2", "cm/s2", "gal", "mm/s2"]
 RECORD_UNITS: dict[str, float] = {name: UNITS[name].factor for name in get_args(RecordUnit)}
 ACCELERATIONS = {name: unit.factor for name, unit in UNITS.items() if unit.dimension == "acceleration"}
@@ -81,8 +81,8 @@ def unit_of(text: str | None) -> str | None:
 
 
 def in_si(units: str) -> tuple[float, str] | None:
-    """Return the factor from a unit of an intensity measure to the SI unit, and the SI unit; None for units
-    that no intensity measure has."""
+    """Return the factor from a unit of an intensity measure to the SI unit, and the SI unit; None for unknown
+    units and for units that no intensity measure has."""
     unit = UNITS.get(unit_of(units) or "")
     return None if unit is None or unit.dimension not in _SI else (unit.factor, _SI[unit.dimension])
 

@@ -77,16 +77,16 @@ def is_concrete_zero(value) -> bool:
 class Modes(AbstractSuperstructure):
     """A superstructure of n modes: oscillators in parallel on the beam, (C9).
 
-    - `eta`: mass ratios η_i of the modes, ≥ 0 [–], along the last axis. A mode with η_i = 0 responds to the
-      beam but does not act on it
+    - `eta`: mass ratios η_i of the modes, ≥ 0 [–], along the last axis: the modal masses divided by the mass
+      N m_c of the N columns. A mode with η_i = 0 responds to the beam but does not act on it
     - `T`: fixed-base periods T_i, > 0 [s]; they may be equal
     - `zeta`: damping ratios ζ_i, ≥ 0 [–]; one value for all modes, or one for each
-    - `residual`: mass ratio η_r of the remaining mass, which moves with the beam, ≥ 0 [–]; `peak_shear` omits
-      its impulses at impacts
+    - `residual`: mass ratio η_r of the mass in none of the modes, which moves with the beam, ≥ 0 [–]. The
+      answer `peak_shear` leaves out the impulses of this mass at impacts
 
-    For one mode without `residual` use [`rockjax.Elastic`][], for no mode `Rigid(residual)`. The last axis of
-    displacements in [`rockjax.State`][] and of `peak_deformation` is the axis of modes. Raises `ValueError`
-    for unequal lengths and for values outside these ranges; traced values are not checked.
+    For one mode without `residual` use [`rockjax.Elastic`][], for no mode `Rigid(residual)`. The axis of
+    modes is the last axis of the displacements in [`rockjax.State`][] and of `peak_deformation`. Raises
+    `ValueError` for unequal lengths and for values outside these ranges; traced values are not checked.
     """
 
     rows: ClassVar[tuple[str, ...]] = ("eta", "T", "zeta")
@@ -121,7 +121,7 @@ class Modes(AbstractSuperstructure):
         - `mass_ratio`: mass ratio m_t/(N m_c) of the whole superstructure [–]
         - `eta`, `T`, `zeta`: as for [`rockjax.Modes`][]
 
-        Raises `ValueError` if the modes have more mass than the total.
+        Raises `ValueError` if the modes have more mass than the total, and as [`rockjax.Modes`][] does.
         """
         eta, total = (
             as_row("Modes.of_total", "eta", eta, "mode"),
@@ -172,7 +172,7 @@ class Modes(AbstractSuperstructure):
 
     def first_moments(self, heights: Number, residual_height: Number) -> tuple[Number | None, Number | None]:
         modal_moments, carried = super().first_moments(heights, residual_height)
-        # A single mode without a residual is resolved to `Elastic`, which has no axis of modes.
+        # `resolved` makes a single mode without a residual an `Elastic`, whose moment has no axis of modes.
         if modal_moments is not None and carried is None and self.count == 1:
             return modal_moments[..., 0], None
         return modal_moments, carried

@@ -168,8 +168,8 @@ class Podium(Module):
         - `column_mass`: mass of one column m_c, > 0 [kg]
         - `beam_mass`, `top_mass`: masses of the beam m_b and of the superstructure m_t, ≥ 0 [kg]
         - `columns`: number of columns N; by default the number of `positions`, or 2 without `positions`
-        - `period`, `damping`: T_s [s] and ζ of the superstructure. It is rigid if `period` is None and there
-          are no stories
+        - `period`, `damping`: T_s [s] and ζ of the superstructure. Without `period` and stories, the
+          superstructure is rigid, or None if `top_mass` is the Python number 0
         - `lam`, `restitution`, `g`: as for [`rockjax.Podium`][]
         - `tendon_force`, `tendon_stiffness`: initial force P₀ [N] and axial stiffness K [N/m] of the tendon
           of a column
@@ -287,8 +287,8 @@ class Podium(Module):
 
     @property
     def uplift_ground_acceleration(self) -> Number:
-        """Ground acceleration that lifts the columns of a podium at rest, g tan α, Eq. (5) [m/s²]; with
-        tendons of prestress τ, g tan α (1 + τ/w) with w = γ+η+½.
+        """Ground acceleration that lifts the columns of a podium at rest, g tan α, Eq. (5) [m/s²]. Tendons of
+        prestress τ raise it to g tan α (1 + τ/w), where w = γ+η+½.
 
         With a rigid superstructure or none, columns lift as soon as |ü_g| exceeds this value. With an elastic
         superstructure this holds for slow motions, in which the spring transmits the inertia of the top mass.
@@ -305,12 +305,13 @@ class Podium(Module):
 
     @property
     def uplift_demand(self) -> Number:
-        """The demand |q| at which the columns lift [m/s²], Eq. (9).
+        """Threshold of the demand |q|, above which the columns lift [m/s²], Eq. (9).
 
-        q = ü_g − (ω_s² u_t + 2ζω_s u̇_t)·2η/(1+2γ) includes the spring force; for the ground acceleration see
-        `uplift_ground_acceleration`. The threshold is g tan α (1+2γ+2η)/(1+2γ) with an elastic
-        superstructure, and g tan α with a rigid one or none, Eq. (5). Tendons add 2gτ tan α/(1+2γ), (C10).
-        In all of these, γ includes all mass that moves with the beam.
+        With an `Elastic` superstructure whose mass is displaced by u_t relative to the ground, q = ü_g −
+        (ω_s² u_t + 2ζω_s u̇_t)·2η/(1+2γ), which includes the forces of spring and damper; for the ground
+        acceleration alone see `uplift_ground_acceleration`. The threshold is g tan α (1+2γ+2η)/(1+2γ) with an
+        elastic superstructure, and g tan α with a rigid one or none, Eq. (5). Tendons of prestress τ add
+        2gτ tan α/(1+2γ), (C10). In these formulas, γ includes all mass that moves with the beam.
         """
         threshold = self.uplift_ground_acceleration
         if self.vibrates:
@@ -329,7 +330,7 @@ class Podium(Module):
         """Velocity factor e = |θ̇⁺/θ̇⁻| of an impact [–], according to the law `restitution`. Rocking ends at
         an impact if e ≤ 0.
 
-        The laws count a rigid superstructure as part of the beam.
+        The laws count all mass that moves with the beam, such as a rigid superstructure, as part of the beam.
         """
         gamma, eta = self.mass_ratios
         return self.restitution.factor(
@@ -338,8 +339,11 @@ class Podium(Module):
 
     @property
     def inertances(self) -> tuple[Number, Number]:
-        """μ_b and μ_t of the inerters that act on the bottom and the top joint [–]. A device that spans only
-        the bottom joint has twice the force of the equivalent device that spans both joints, (F2)."""
+        """μ_b and μ_t, the inertances that act on the bottom and on the top joint, divided by m_c [–].
+
+        A device that spans only the bottom joint has twice the force of the equivalent device that spans both
+        joints, (F2).
+        """
         both_joints, bottom_joint = map(apparent_mass, devices_by_joints(self.restrainers))
         top = jnp.zeros_like(self.gamma) + (0.0 if both_joints is None else both_joints)
         return (top if bottom_joint is None else top + 2 * bottom_joint), top
@@ -359,8 +363,9 @@ class Podium(Module):
         column [–], (F13).
 
         It is 1 if all impulses act at the new contact edges, as with `"compatible"`, or with `"paper"` and no
-        elastic superstructure. It is less than 1 if impulses also act at the old edges. A value above 1 would
-        need tensile impulses at the old edges, which rigid faces cannot transmit.
+        elastic superstructure. It is less than 1 if impulses also act at the old edges, about which the
+        columns rotated before the impact. A value above 1 would need tensile impulses at the old edges, which
+        the faces of the joints cannot transmit.
         """
         gamma, eta = self.mass_ratios
         sin2, (bottom, top) = jnp.sin(self.alpha) ** 2, self.inertances
@@ -428,7 +433,8 @@ class Podium(Module):
     @property
     def uplifted_frequencies(self) -> Number:
         """All n+1 circular frequencies of the uplifted podium, ascending along the last axis [rad/s], (C15):
-        of rocking against the stiffness of the tendons (0 without tendons), and of the n modes.
+        the frequency of rocking against the stiffness of the tendons (0 without tendons), and those of the n
+        modes of the superstructure.
 
         The equations are linearised without gravity and prestress. Raises `ValueError` without an elastic
         superstructure.
@@ -477,8 +483,9 @@ class Podium(Module):
         """Return the solitary block (λ = 1/3) that rocks exactly like this frame under every excitation.
 
         It has the same α and e, and its frequency parameter p̂ is given by p̂² = p² (2γ+1)/(3γ+¾(1+λ)), where
-        γ includes a rigid superstructure. Its restrainers have τ/(1+2γ), κ/(1+2γ), δ (p̂/p)^ν/(1+2γ) and
-        μ/(3γ+¾(1+λ)). Raises `ValueError` for an elastic superstructure, which has no equivalent block.
+        γ includes a rigid superstructure. The parameters τ, κ, δ, ν and μ of the restrainers (table of (C1)
+        in docs/control.md) become τ/(1+2γ), κ/(1+2γ), δ (p̂/p)^ν/(1+2γ), ν and μ/(3γ+¾(1+λ)). Raises
+        `ValueError` for an elastic superstructure, which has no equivalent block.
         """
         if self.vibrates:
             raise ValueError(
@@ -607,8 +614,8 @@ def _with_round_ends(
     - `height`, `R`: full height and half diagonal of a column between its flat faces [m]
     - `devices`, `elevation`: restrainers and elevation of the podium
 
-    Raises `ValueError` for a radius out of range, and for restrainers, because round ends would stretch them
-    more.
+    Raises `ValueError` for a radius out of range, and for restrainers, because round ends stretch them more
+    than flat ends do.
     """
     ratio = enlargement(owner, radius, height)
     if devices:

@@ -37,8 +37,8 @@ class PaperRestitution(Module):
 
 
 class CompatibleRestitution(Module):
-    """Law of conserved angular momentum about the new pivots, while the superstructure keeps its horizontal
-    velocity, Eq. (26), (C13):
+    """Law of conserved angular momentum about the new pivots, Eq. (26), (C13). At an impact, an elastic
+    superstructure keeps its horizontal velocity.
 
     e = 1 − 2 sin²α (1+4γ+4η+4μ) / ((1+λ)+4γ+4(η+μ) sin²α). Without inerters μ is 0.
     """

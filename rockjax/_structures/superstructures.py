@@ -1,9 +1,9 @@
 """Superstructures on the podium: the base class, `Rigid`, `Elastic`, and `Oscillators` for the engine.
 
 For the engine a superstructure consists of oscillators in parallel on the beam, and of a mass that moves with
-the beam. The number of oscillators, Python bools, and whether a property is None are known when JAX compiles,
-and determine which program is compiled. docs/equations.md states where equations with a letter, such as
-(C15), are.
+the beam. JAX compiles a separate program for each number of oscillators, each value of a property that is a
+Python bool, and each set of properties that are None. docs/equations.md states where equations with a letter,
+such as (C15), are.
 """
 
 from __future__ import annotations
@@ -77,7 +77,8 @@ class AbstractSuperstructure(Module):
     @property
     def story_weights(self) -> Array | None:
         """Weights of the modes in the motion of the stories, (L2), shape (stories, modes); None if there are
-        no stories. The weight of the motion of the beam is 1 minus the sum of the weights of the modes."""
+        no stories. `Elastic` and `Rigid` count as one story. The weight of the motion of the beam is 1 minus
+        the sum of the weights of the modes."""
         return self.floors
 
     @property
@@ -312,8 +313,8 @@ def _uplifted_eigenvalues(
 @_uplifted_eigenvalues.defjvp
 def _uplifted_eigenvalues_jvp(primals, tangents):
     """Differentiate the eigenvalues as Rayleigh quotients, which are stationary with respect to mode shapes.
-    This needs neither derivatives of mode shapes, which do not exist for equal periods, nor derivatives of
-    the square roots of masses, which do not exist at zero."""
+    No derivatives of mode shapes are needed, which do not exist if periods are equal, and no derivatives of
+    the square roots of masses, which do not exist if a mass is zero."""
     squares, masses, inertia, _, cos_alpha = primals
     values, vectors = eigh(_bordered_matrix(*primals))
     rotation, shapes = vectors[..., 0, :] / jnp.sqrt(inertia), vectors[..., 1:, :]

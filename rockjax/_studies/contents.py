@@ -175,7 +175,8 @@ def _checked_states(owner: str, damage_states: Any, blocks: Mapping[str, Content
 
 
 def _add_curves(data: xarray.Dataset, exceed: bool, confidence: float | None) -> None:
-    """Add counts, curves, intervals and bands to the dataset of the peaks, in place; warn of missing ones.
+    """Add counts, curves, intervals and bands to the dataset of the peaks, in place. Warn of curves and
+    intervals that the counts do not determine.
 
     - `data`: peaks of podium and blocks
     - `exceed`: whether scenes in which the podium overturns count as reaching every damage state
@@ -244,6 +245,7 @@ def _fit_with_jackknife(
     - `reached`: 1 where a record reaches the damage state, else 0, shape (n, m)
     - `counted`: 1 where a record counts at a level, else 0, shape (n, m)
     """
+    # The first sum includes all records; each further sum omits one record.
     leave_one_out = lambda y: y.sum(axis=0) - np.concatenate([np.zeros((1, levels.size)), y])
     fits = jax.tree.map(np.asarray, fit_each_counts(levels, leave_one_out(reached), leave_one_out(counted)))
     return Lognormal(*(y[0] for y in fits)), Lognormal(*(y[1:] for y in fits))

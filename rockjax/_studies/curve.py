@@ -39,27 +39,29 @@ def fragility(
     - `analysis`: result of [`rockjax.incremental_dynamic_analysis`][]
     - `method`: `"capacities"` fits the capacities of the records, their least overturning intensities; of a
       record that does not overturn, it uses only that the capacity is above the highest level (censoring).
-      `"stripes"` fits the counts of overturned records at each level; a record may survive levels above its
-      capacity. By default `"capacities"`; with `limit`, the default and only valid method is `"stripes"`
+      `"stripes"` fits the counts of overturned records at each level; a record does not count as overturned
+      at a level that it survives, even above its capacity. By default `"capacities"`; with `limit`, the
+      default and only valid method is `"stripes"`
     - `at`: intensities at which the curve is evaluated, shape (x,), > 0; by default 200 equally spaced
       values up to the highest level
     - `confidence`: confidence level of the intervals and the band, in (0, 1); None omits intervals and band
     - `limit`: a limit state in addition to overturning, as (name, value) with the name of a peak of the
       analysis, such as `("peak_friction", 0.3)` or `("least_axial_force", 0.0)`. A scene fails if the podium
-      overturns, if the peak exceeds the value, or if a peak named `least_…` is below the value. The worst
-      mode, story, floor or joint counts. The `options` of the analysis must request the output that contains
-      this peak
+      overturns or the peak exceeds the value; a peak named `least_…` must be below the value instead. The
+      worst mode, story, floor or joint counts. The `options` of the analysis must request the output that
+      contains this peak
 
     Returns a Dataset:
 
     - `median_capacity`, `dispersion`: scalars; `interval` (dims `quantity`, `bound`): their confidence
       intervals, with the numbers of records as attributes
     - `probability`, and the band from `lower` to `upper` (dim `at`): the curve
-    - `observed` (dim `intensity`): share of records that fail
-    - `capacity` (dim `record`): capacities; with `limit`, the lowest level at which a record fails; NaN if it
-      does not overturn or fail
+    - `observed` (dim `intensity`): share of records that overturn or, with `limit`, fail
+    - `capacity` (dim `record`): capacities; with `limit`, the lowest levels at which the records fail; NaN
+      for records that do not overturn or fail
     - `median_sensitivity`, `dispersion_sensitivity` (dim `parameter`): d ln(median)/d ln y and
-      d(dispersion)/d ln y, if the analysis has sensitivities and `method` is `"capacities"`
+      d(dispersion)/d ln y for the parameters y of the analysis, if the analysis has sensitivities and
+      `method` is `"capacities"`
 
     Intervals of `"capacities"` use the profile likelihood of lognormal capacities. Without censored records
     they are exact for median and dispersion; with censored records their coverage differs from `confidence`
@@ -67,7 +69,7 @@ def fragility(
     record in turn. A `RuntimeWarning` is issued for intervals from fewer than five records that overturn
     (`"capacities"`), or from fewer than five records (`"stripes"`).
 
-    Raises `ValueError` for invalid arguments, and if no curve or no interval can be fitted.
+    Raises `ValueError` for invalid arguments, and if the data do not determine a curve or its intervals.
     """
     _check(analysis, method, confidence)
     if limit is None:
@@ -118,7 +120,8 @@ class _Outcomes(NamedTuple):
 
     - `capacity`: least overturning intensity of each record, shape (n,); inf if above the highest level. With
       a limit state, the lowest level at which the record fails
-    - `censor_limit`: the highest level for each record, shape (n,), a lower bound of unknown capacities
+    - `censor_limit`: the highest level, repeated for each record, shape (n,); a lower bound of the capacities
+      that are inf
     - `levels`: levels of intensity, shape (m,)
     - `overturned`: 1 where a record overturns or is beyond the limit state, otherwise 0, shape (n, m)
     """

@@ -77,12 +77,14 @@ def distribution(sample: Sample, at: np.ndarray, confidence: float) -> Estimates
 
 
 def quantiles(sample: Sample, probability: np.ndarray, confidence: float) -> Estimates:
-    """Return quantiles with confidence intervals between order statistics, one for each probability.
+    """Return quantiles, and confidence intervals whose ends are order statistics, one for each probability.
 
-    The estimate is the least value x with F(x) ≥ probability. The number of values below a quantile is
-    binomial for every distribution, (E2) (David and Nagaraja, Order Statistics, 2003, section 7.1). The
-    probability that the true quantile lies below the interval is at most (1 − confidence)/2, and so is the
-    probability that it lies above. With too few values the lower bound is −∞, or the upper bound +∞.
+    The estimate is the least value x at which the empirical distribution function is ≥ probability. The
+    interval follows from the number of values below a quantile, which is binomial for continuous
+    distributions, (E2) (David and Nagaraja, Order Statistics, 2003, section 7.1). For every distribution, the
+    true quantile lies below the interval with a probability of at most (1 − confidence)/2, and above it with
+    a probability of at most (1 − confidence)/2. With too few values the lower bound is −∞, or the upper bound
+    +∞.
 
     - `sample`: the values
     - `probability`: in (0, 1), shape (q,)
@@ -91,7 +93,8 @@ def quantiles(sample: Sample, probability: np.ndarray, confidence: float) -> Est
     from scipy.stats import binom
 
     n, tail = sample.size, (1 - confidence) / 2
-    rank = np.ceil(n * probability * (1 - 1e-12)).astype(int)  # n·probability may be rounded upwards
+    # The factor prevents that a rounding error of n·probability raises the rank by 1.
+    rank = np.ceil(n * probability * (1 - 1e-12)).astype(int)
     # Ranks 0 and n + 1 are the bounds −∞ and +∞.
     low = binom.ppf(tail, n, probability).astype(int)
     high = binom.ppf(1 - tail, n, probability).astype(int) + 1
@@ -140,14 +143,15 @@ def compare(first: Sample, second: Sample, confidence: float) -> Comparison:
     - `first`, `second`: the samples
     - `confidence`: confidence level of the interval, in (0, 1)
 
-    Values of +∞ count as equal. The error probability 1 − confidence is shared equally between the bands of
-    the samples.
+    Values of +∞ count as equal, and so do values of −∞. The error probability 1 − confidence is shared
+    equally between the bands of the samples.
     """
     from scipy.stats import kstwo
 
     x = np.unique(np.concatenate([[-np.inf], first.values, second.values]))
     difference = np.abs(share_up_to(np.sort(first.values), x) - share_up_to(np.sort(second.values), x))
-    # The bounds hold for any unknown values, so they give the least and the largest possible distance.
+    # Whatever the unknown values are, each distribution function lies between its two bounds. The bounds
+    # therefore give the least and the largest possible distance.
     bounds = [[share_up_to(y, x) for y in (sample.highest, sample.lowest)] for sample in (first, second)]
     (low_1, high_1), (low_2, high_2) = bounds
     least = max(float(np.max(np.maximum(low_1 - high_2, low_2 - high_1))), 0.0)

@@ -69,10 +69,10 @@ def ensemble(
     - `spread`: dict of parameter name → a frozen distribution of `scipy.stats`, a number, or an array of
       drawn values, shape (n,). Valid names are those of [`rockjax.grid`][], and `initial.theta` [rad] and
       `initial.theta_dot` [rad/s] of the initial state; with an elastic superstructure also `initial.u_t` [m]
-      and `initial.u_t_dot` [m/s]
+      and `initial.u_t_dot` [m/s], which are the same for all modes
     - `n`: number of scenes, ≥ 1
-    - `seed`: seed of the random numbers, ≥ 0. The draws of a parameter depend only on `seed`, `n` and the
-      parameter's name
+    - `seed`: seed of the random numbers, ≥ 0. The draws of a parameter depend only on its distribution and
+      name, on `seed` and on `n`
     - `initial`: initial state; by default at rest
     - `t_end`: end of each scene [s]; by default as for [`rockjax.peak_responses`][]
     - `options`: options of the scenes; the output `"errors"` is needed to find undecided scenes
@@ -157,8 +157,9 @@ class Ensemble:
     - a scene that overturned has the worst possible value: +∞ for a peak, −∞ for a `least_…` answer. The
       margin and other answers that are also defined for overturned scenes keep the computed value
     - the value of a scene that did not finish (`unanswered`) or that is `undecided` counts as unknown, and so
-      does NaN. Confidence bounds hold whatever the unknown values are. Estimates take an `undecided` scene
-      as computed, and the worst possible value in the other cases
+      does NaN. Confidence bounds hold whatever the unknown values are. Estimates use the computed value of an
+      `undecided` scene; in place of other unknown values they use +∞ (−∞ for the margin and `least_…`
+      answers)
     - the time of an uplift or an overturning that does not occur is +∞
 
     Raises `ValueError` if `data` is not a dataset of [`rockjax.ensemble`][].
@@ -314,7 +315,7 @@ class Ensemble:
         component: int | None = None,
         confidence: float = CONFIDENCE,
     ) -> xarray.Dataset:
-        """Return quantiles of an answer with confidence intervals between order statistics, (E2).
+        """Return quantiles of an answer, and confidence intervals whose ends are order statistics, (E2).
 
         - `output`, `component`: the answer, as for `sample`
         - `probability`: probabilities of not exceeding the quantiles, in (0, 1), shape (q,)

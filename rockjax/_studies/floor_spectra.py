@@ -104,7 +104,7 @@ def floor_spectrum(
     - `excitation`: one motion; or `Motions`, `Records` or a list, which add a dim `motion`
     - `periods`: periods T_e of the oscillators, shape (n,), > 0 [s]
     - `damping`: damping ratios ζ of the oscillators, one or several, in [0, 1) [–]
-    - `level`: `"deck"`, the number of a story from 1 at the bottom, or a list of several levels
+    - `level`: `"deck"` (the beam), the number of a story from 1 at the bottom, or a list of several levels
     - `weights`: weights of the modes that define a floor, (L2), shape (modes,) [–], in place of `level`; None
       for the floors of `level`
     - `direction`: `"horizontal"` or `"vertical"`
@@ -165,7 +165,7 @@ def floor_spectrum(
     cases = [(podium, options, request)]
     if fixed_base:
         fixed_podium = podium.replace(alpha=NEVER_LIFTS, restrainers=(), elevation=None)
-        # The deck of the fixed podium moves with the ground.
+        # The deck of the fixed podium moves with the ground, so its spectra are those of the ground.
         weights_with_deck = {DECK: 0 * next(iter(weights_by_level.values()))} | weights_by_level
         fixed_request = request._replace(weights=weights_with_deck, stories={}, names=())
         cases.append((fixed_podium, options.replace(overturn_ratio=1.0), fixed_request))
@@ -284,6 +284,8 @@ def _spectrum(response: Response, start: State, t_end: float, request: _Request)
         ends_at_rest = bool(ended.rests) and not np.any(remaining_impulse) and not overturned
         peaks = largest(load, period, damping, ends_at_rest, tuple(load_slopes))
         displacement, acceleration = peaks.values
+        # Bound of |x| after the end of the scene. If the floor comes to rest, max|x| already includes the
+        # free vibration after the end, so the ratio is at most 1.
         later_displacement = (
             np.minimum(peaks.later, displacement)
             if ends_at_rest

@@ -37,7 +37,7 @@ from .spectra import boundary_axis
 if TYPE_CHECKING:
     import xarray
 
-DEFAULT_OPTIONS = Options()  # as for single scenes, so that they share compiled programs
+DEFAULT_OPTIONS = Options()  # the default of `peak_responses`, so that both share compiled programs
 
 
 class Measure(NamedTuple):
@@ -180,9 +180,9 @@ def incremental_dynamic_analysis(
       instead of overturning
     - `progress`: `True` for progress bars, or any object with a method `update(number_of_scenes)`
 
-    Returns a Dataset. The answers of [`rockjax.Peak`][] of every scene, such as `overturned`, and those that
-    `options.outputs` requests have the dims `record` and `intensity`. The following variables do not depend
-    on `intensity`, and have the dim `record`:
+    Returns a Dataset. The answers that every scene has, such as `overturned`, and those that
+    `options.outputs` requests (see [`rockjax.Peak`][]) have the dims `record` and `intensity`. The following
+    variables do not depend on `intensity`, and have the dim `record`:
 
     - `capacity`: the least intensity at which the record overturns the podium; NaN if there is none up to the
       highest level
@@ -224,7 +224,7 @@ def incremental_dynamic_analysis(
     indices, y_range = np.arange(count), (0.0, float(levels[-1]))
     precompile_scan(plane, indices, y_range, options, width)
     peaks = peak_responses(*plane(indices[:, None], levels), options=options, progress=progress)
-    # `refine_curved` would find ever narrower survival windows above the capacity.
+    # With `refine_curved=True` the search would find ever narrower survival windows above the capacity.
     search = scan(
         plane, indices, y_range, resolution, options, progress, refine_curved=False, width=width, dips=False
     )

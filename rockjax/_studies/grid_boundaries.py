@@ -39,14 +39,14 @@ def with_boundaries(
     options: Options,
     progress: Any = False,
 ) -> list[xarray.Dataset]:
-    """Add the variables `minimum` and `boundaries` of overturning spectra to rocking spectra.
+    """Return rocking spectra with the variables `minimum` and `boundaries` of overturning spectra added.
 
     - `spectra`: result of [`rockjax.rocking_spectra`][]
     - `podiums`, `pulse`, `options`: arguments with which `spectra` were computed
     - `progress`: `True` for progress bars, or any object with a method `update(number_of_scenes)`
 
     Where the lowest acceleration of the grid overturns, this acceleration is the first boundary. Ctrl-C
-    raises [`rockjax.Interrupted`][] with the unchanged spectra.
+    raises [`rockjax.Interrupted`][]; its `partial` is the list of the unchanged spectra.
     """
     with_boundary: dict[int, xarray.Dataset] = {}
     for members in group_by_structure(podiums).values():

@@ -54,8 +54,9 @@ def overturning_spectrum(
     - `pulse`: a pulse class such as `rockjax.Ricker`, or any function (a_p, T_p) ↦ excitation
     - `frequency_ratio`: ω_p/p with ω_p = 2π/T_p, shape (n,), > 0
     - `max_acceleration_ratio`: end of the search, a_p/(g tan α), > 0 [–]
-    - `sensitivities`: parameters y with respect to whose logarithms the minimum is differentiated: `"T_p"`,
-      and parameters of the podium, such as `"alpha"`, `"R"`, `"T_s"`. The other parameters are held constant
+    - `sensitivities`: parameters y for which the derivative of the minimum with respect to ln y is computed:
+      `"T_p"`, and parameters of the podium, such as `"alpha"`, `"R"`, `"T_s"`. The other parameters are held
+      constant
     - `resolution`: the search starts with the ends of this number of equal intervals of the acceleration.
       Intervals in which the overturning margin may cross zero are divided further
     - `width`: the search for the minimum finds every interval of overturning accelerations that is wider than
@@ -63,9 +64,9 @@ def overturning_spectrum(
     - `options`: options of the scenes
     - `progress`: `True` for progress bars, or any object with a method `update(number_of_scenes)`
 
-    Returns a Dataset over `frequency_ratio`. Accelerations are divided by g tan α.
+    Returns a Dataset over `frequency_ratio`, with accelerations divided by g tan α:
 
-    - `minimum`: the least overturning acceleration a_ov; NaN if there is none
+    - `minimum`: a_ov/(g tan α) with the least overturning acceleration a_ov [m/s²]; NaN if there is none
     - `boundaries` (additional dim `boundary`): accelerations at which the outcome changes, ascending, padded
       with NaN; with the default options exact to about 1e-10
     - `impacts` (additional dim `boundary`): impacts before overturning; −1 where there is no boundary
@@ -73,8 +74,7 @@ def overturning_spectrum(
       acceleration
     - `certain_width`: largest width that an undetected interval of overturning accelerations below the
       minimum can have
-    - `sensitivity` (additional dim `parameter`): d a_ov/d ln y, with the dimensional acceleration
-      differentiated and the result divided by g tan α
+    - `sensitivity` (additional dim `parameter`): (d a_ov/d ln y)/(g tan α); g tan α is not differentiated
 
     Raises `ValueError` for invalid inputs, and `RuntimeError` if at some frequency no scene finishes.
     """

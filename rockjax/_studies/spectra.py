@@ -58,13 +58,13 @@ def rocking_spectrum(
       [`rockjax.peak_responses`][]: `"alpha"`, `"gamma"`, …, `"a_p"`, `"T_p"`. The other parameters are held
       constant, so a_p and T_p do not change with the parameters of the podium
 
-    Returns a Dataset with dims `(acceleration_ratio, frequency_ratio)`. Its variables are the answers of
-    [`rockjax.Peak`][] of every scene, such as `overturned`, those that `options.outputs` requests (`"errors"`
-    gives `peak_rotation_error` … and `undecided`), and their sensitivities `peak_rotation_sensitivity` …
-    (additional dim `parameter`). The
-    dimensional axes `T_p` [s] and `a_p` [m/s²] are additional coordinates; with the output `"axial_force"`
-    so is `dead_load`, the axial force of the mean column at rest N/(m_c g). The attributes contain
-    parameters, tolerances and versions.
+    Returns a Dataset with dims `(acceleration_ratio, frequency_ratio)`. Its variables are the answers that
+    every scene has, such as `overturned`; the answers that `options.outputs` requests, see
+    [`rockjax.Peak`][] (`"errors"` gives `peak_rotation_error` … and `undecided`); and the sensitivities of
+    requested peaks, `peak_rotation_sensitivity` … (additional dim `parameter`). The dimensional axes `T_p`
+    [s] and `a_p` [m/s²] are additional coordinates. With the output `"axial_force"` there is a further
+    coordinate `dead_load`, the axial force N/(m_c g) at rest, averaged over the columns. The attributes
+    contain parameters, tolerances and versions.
 
     Ctrl-C raises [`rockjax.Interrupted`][]; its `partial` is the incomplete spectrum, or None if no scene was
     solved. Raises `ValueError` for axes that are empty, not 1-D, not finite or out of range, for
@@ -109,8 +109,9 @@ def rocking_spectra(
     - `podiums`: podiums with scalar parameters
     - `pulse`, `frequency_ratio`, `acceleration_ratio`, `options`, `progress`, `sensitivities`: as for
       [`rockjax.rocking_spectrum`][]
-    - `resume`: for each podium an incomplete spectrum, whose missing scenes are solved, or None to solve all
-      scenes; such a list is the `partial` of the exception. None to solve all scenes of all podiums
+    - `resume`: the `partial` of the exception, a list with an incomplete spectrum or None for each podium.
+      Missing scenes of an incomplete spectrum are solved; None in the list stands for a podium whose scenes
+      are all solved, None instead of the list for all podiums
 
     Returns a spectrum for each podium, as from [`rockjax.rocking_spectrum`][]. Raises `ValueError` as that
     function does.
@@ -228,7 +229,8 @@ def stack_podiums(podiums: Sequence[Podium], per_podium: Callable[[np.ndarray], 
     """Combine podiums of the same structure into one podium with array parameters.
 
     - `podiums`: n podiums
-    - `per_podium`: function that reshapes an array of shape (n,) to broadcast with the scenes
+    - `per_podium`: function that turns a parameter of the podiums, shape (n,), into an array that broadcasts
+      with the scenes
 
     Parameters that are equal in all podiums remain scalars; the others become arrays.
     """

@@ -19,7 +19,7 @@ from rockjax._structures import Podium
 class Variants(NamedTuple):
     """Random variants of a scene.
 
-    - `podium`, `initial`: structure and initial state of which drawn values replace parameters
+    - `podium`, `initial`: structure and initial state, some of whose parameters are replaced by drawn values
     - `motion`: a motion, or a batch of motions of shape (k,)
     - `motion_index`: index of the drawn motion of each scene, shape (n,); None for a single motion
     """

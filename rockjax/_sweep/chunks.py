@@ -25,11 +25,12 @@ Devices = Literal["all"] | Sequence[Any] | None
 
 
 class Job(NamedTuple):
-    """Data for a process that solves chunks of a sweep; the process also reads the store."""
+    """Data for a process that solves chunks of a sweep. The process reads the parameters of the scenes from
+    the store."""
 
     store: str  # path or URL
     fingerprint: str  # hash of the identity of the sweep
-    skeleton: Any  # (structures, excitations, initial, t_end) with names in place of the values
+    skeleton: Any  # see `SceneArrays.skeleton`
     options: Options
     is_float64: bool  # precision of the scenes: float64, otherwise float32
     sensitivities: tuple[str, ...] = ()  # parameters y for which y ∂/∂y of the peaks is computed
@@ -41,7 +42,7 @@ class Job(NamedTuple):
         - `threads`: number of CPU threads; None for all cores
         - `devices`: JAX devices, as for [`rockjax.sweep`][]
 
-        Returns the row of the chunk in the store: its checksum and cost.
+        Returns the row of the chunk in the store.
         """
         store, scene_arrays = _open_store(self)
         if (row := store.row(k)) is not None:
@@ -114,7 +115,7 @@ def _worker_arguments(devices: Devices, threads: int | None) -> dict[str, Any]:
 
 
 def count_cores(devices: Devices, threads: int | None) -> int:
-    """Return the number of threads or devices that solve a chunk."""
+    """Return the number of CPU threads or of devices that solve a chunk."""
     executor = executor_for("sweep", **_worker_arguments(devices, threads))
     return executor.threads * executor.devices
 

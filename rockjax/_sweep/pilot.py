@@ -35,7 +35,7 @@ class Pilot(NamedTuple):
     step_seconds: float  # time of one core, or of one device, for one trial step [s]
     variables: dict[str, Any]  # arrays of results, by name
     scene_bytes: float  # size of the results of a scene in the store [bytes]
-    memory: int  # peak memory of the process that solved the sample [bytes]
+    memory: int  # memory of the process that solved the sample, see `_resident_memory` [bytes]
 
     def chunk_size(self, scenes: int, cores: int, cores_of_chunk: int) -> int:
         """Return the number of scenes for which the expected wall time of a chunk is in `CHUNK_SECONDS`.
@@ -86,6 +86,7 @@ def pilot(spec: SweepSpec, threads: int | None, devices: Devices) -> Pilot:
     results = data_variables(peaks, options.outputs, ())
     variables = {name: variable_for(values, attrs, dims) for name, (dims, values, attrs) in results.items()}
     arrays = {name: values.astype(variables[name].dtype) for name, (_, values, _) in results.items()}
+    # A core solves `LANES` scenes at a time, so a small sample occupies fewer cores than there are.
     step_seconds = seconds / steps.sum() * min(count_cores(devices, threads), -(-count // LANES))
     return Pilot(scenes, steps, step_seconds, variables, compressed_size(arrays) / count, _resident_memory())
 

@@ -50,6 +50,7 @@ class SweepSpec(NamedTuple):
         values = {name: getattr(self.options, name) for name in fields}
         entries = {
             "format": FORMAT,
+            # Results do not depend on the version of Diffrax, from which the engine takes only coefficients.
             **{name: text for name, text in describe_versions().items() if name != "diffrax_version"},
             "precision": "float64" if self.is_float64 else "float32",
             "pytree": str(jax.tree.structure(self.scene_arrays.skeleton)),

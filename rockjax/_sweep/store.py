@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 FORMAT = 1  # version of the store format
 _IDENTITY = "sweep"  # attribute of the group `progress` that contains the identity of the sweep
-_LONG_INPUT = 1_000_000  # longer inputs and coordinates are stored in chunks [number of values]
+_LONG_INPUT = 1_000_000  # longer inputs and 1-D coordinates are stored in chunks [number of values]
 
 
 class ChunkRow(NamedTuple):
@@ -203,8 +203,8 @@ class Store:
         return store
 
     def inputs(self) -> dict[str, Any]:
-        """Return the parameters of the scenes by name. Long arrays are read only when they are
-        sliced."""
+        """Return the parameters of the scenes by name. Long arrays that are stored in several chunks are read
+        only when they are sliced."""
         group: Any = self.group["inputs"]
         return {
             name: array if array.size > _LONG_INPUT and array.chunks != array.shape else array[...]

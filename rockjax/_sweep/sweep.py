@@ -66,7 +66,7 @@ def sweep(
     the dataset with the results so far.
 
     - `structures`, `excitations`, `initial`, `t_end`: as for [`rockjax.peak_responses`][]
-    - `coords`: names of the axes in order, or a dictionary with their labels. The default is `scene` for one
+    - `coords`: names of the axes in order, or a dict of axis name → labels. The default is `scene` for one
       axis, and `scene_0`, `scene_1`, … for several
     - `store`: a folder, or a URL that zarr can write to. With a `client`, all workers must have access to the
       store under this path or URL
@@ -74,7 +74,7 @@ def sweep(
     - `outputs`: requested outputs, instead of `options.outputs`
     - `sensitivities`: parameters y for which y ∂/∂y of every requested peak is stored, as in
       [`rockjax.peak_responses`][]: `peak_rotation_sensitivity` … with the additional dim `parameter`
-    - `chunk`: number of scenes in a chunk, ≥ 1; by default as many as take a few seconds
+    - `chunk`: largest number of scenes in a chunk, ≥ 1; by default as many as take a few seconds
     - `client`: a `dask.distributed.Client`, whose workers solve the chunks, by default one chunk on each
       core. If None, all cores of this machine solve one chunk after another
     - `devices`: `"all"` for all JAX devices of the process that solves a chunk, or a list of devices of this

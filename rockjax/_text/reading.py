@@ -6,7 +6,7 @@ import codecs
 import re
 from pathlib import Path
 
-# Longer byte order marks come first, because the mark of UTF-32 begins with the mark of UTF-16.
+# UTF-32 precedes UTF-16, because the little-endian byte order mark of UTF-32 begins with that of UTF-16.
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
     (codecs.BOM_UTF32_LE, "utf-32"),

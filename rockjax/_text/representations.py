@@ -25,7 +25,7 @@ def format_call(module: eqx.Module) -> str:
 def format_html(module: eqx.Module, meanings: Mapping[str, str] | None = None) -> str:
     """Return a structure, motion or options as an HTML table of names, values and meanings with units.
 
-    `meanings`: name → meaning, for properties, and for fields that are not in the tables of parameters. The
+    `meanings`: name → meaning, for properties, and for fields that are not in the registry of parameters. The
     properties are listed after the fields.
     """
     other_meanings, rows = dict(meanings or {}), []
@@ -69,12 +69,12 @@ def _rows(module: eqx.Module, prefix: str = "") -> Iterator[tuple[str, str, str]
 
 
 def _meaning(module: eqx.Module, name: str) -> str:
-    """Return the heading of a field in the tables of parameters, empty if it is not a parameter."""
+    """Return the heading of a field in the registry of parameters; empty if the field is not a parameter."""
     parts = "superstructure", f"restrainers.{type(module).__name__}", "elevation"
     paths = (name, *(f"{part}.{name}" for part in parts))
     entries = (
         registry.MOTION
-        if hasattr(module, "support")
+        if hasattr(module, "support")  # only motions have a support
         else registry.STRUCTURE | registry.DIMENSIONS | registry.BUILDING
     )
     for entry in (*entries.values(), *registry.ROWS.values(), *registry.MULTI_MODE_SCALARS.values()):

@@ -10,7 +10,8 @@ Rows = Sequence[Sequence[str]]
 
 
 def align_rows(rows: Rows, numbers: bool = False) -> list[str]:
-    """Return rows as lines with columns aligned left; with `numbers`, all but the first aligned right."""
+    """Return rows as lines with columns aligned left; with `numbers`, all columns but the first are aligned
+    right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [
         "  ".join(

@@ -61,9 +61,10 @@ def animation(
       twice, from rest at the start of the history
 
     Columns of width 2B and height 2H rotate about their edges, the beam moves by u_b and v_b, Eq. (13), and
-    an elastic superstructure moves by u_t − u_b relative to the beam. The drawn sizes of beam and
-    superstructure are arbitrary, except for heights of stories. Returns an animation that Jupyter displays.
-    Raises `ValueError` for arguments out of range.
+    an elastic superstructure moves by its deformation u_t − u_b relative to the beam. The floors of a
+    building move by their drifts; of several modes without floors only the first is drawn. The drawn sizes of
+    beam and superstructure are arbitrary, except for heights of stories. Returns an animation that Jupyter
+    displays. Raises `ValueError` for arguments out of range.
     """
     owner = "plots.animation"
     if not isinstance(columns, int) or columns < 1:

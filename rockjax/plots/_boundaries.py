@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 def overturning_curve(dataset: xarray.Dataset, ax: Axes | None = None, **line) -> Axes:
     """Plot the minimum overturning acceleration of a rocking spectrum against frequency.
 
-    If the spectrum contains refined boundaries, these are drawn, otherwise steps between grid points.
+    A spectrum with the variable `boundaries`, bisected between grid points, is drawn like an overturning
+    spectrum. Another spectrum is drawn as steps between grid points.
 
     - `dataset`: dataset of [`rockjax.rocking_spectrum`][]
     - `ax`: axes to draw into; `line`: arguments of `Axes.plot` or `Axes.step`
@@ -148,8 +149,8 @@ def _survival_polygons(
 
 
 def _find_jumps(curve: np.ndarray) -> np.ndarray:
-    """Return the indices of the points before jumps of a curve: before steps of more than 5 % that are also
-    more than 2.5 times as large as the steps on either side."""
+    """Return the indices of the points before jumps of a curve. A jump is a step of more than 5 % that is
+    also more than 2.5 times as large as the steps on either side."""
     step = np.abs(np.diff(curve)) / np.maximum(curve[:-1], 1e-300)
     neighbours = np.fmax(np.r_[0, step[:-1]], np.r_[step[1:], 0])
     return np.flatnonzero((step > 0.05) & (step > 2.5 * neighbours))

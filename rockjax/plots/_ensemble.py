@@ -37,8 +37,9 @@ def ensemble(
     - `ax`: axes to draw into
     - `output`, `component`, `confidence`: as for `Ensemble.cdf`
 
-    Peaks of overturned scenes count as infinite, so a curve ends at the fraction of surviving scenes. Raises
-    `ValueError` as `Ensemble.cdf` does.
+    Peaks of overturned scenes count as +∞, so the curve of a peak ends at the fraction of surviving scenes.
+    Their `least_…` answers count as −∞, so the curve of such an answer starts at the overturned fraction.
+    Raises `ValueError` as `Ensemble.cdf` does.
     """
     assert ax is not None
     is_single = isinstance(ensembles, Ensemble) or hasattr(ensembles, "data_vars")

@@ -39,8 +39,8 @@ def floor_spectrum(
     - `quantity`: `"pseudo_acceleration"`, `"absolute_acceleration"` or `"relative_displacement"`
     - `damping`: ζ of the oscillators, by default the first of the dataset
 
-    With several motions, curves are medians over the motions. The podium also has a thin line for each
-    motion; motions that overturn the podium are left out of thin lines and median. In spectra of
+    With several motions, curves are medians over the motions. For the podium there is also a thin line for
+    each motion; its thin lines and its median leave out motions that overturn it. In spectra of
     accelerations, a level without velocity jumps has a mark on the left axis at its peak acceleration (with
     several motions, at the median of the peaks). Raises `ValueError` for another quantity or damping.
     """

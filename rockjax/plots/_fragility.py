@@ -98,8 +98,9 @@ def fragility(
     - `ax`: axes to draw into; several curves may share them
     - `label`: name of the curve in the legend; `colour`: colour of the curve
 
-    Crosses mark the least overturning intensities of the records, circles the overturned fractions at the
-    levels.
+    Crosses mark the least overturning intensities of the records, circles the fractions of records that
+    overturn at each level. If the curve has a limit state in addition to overturning, records beyond this
+    limit count as overturned.
     """
     assert ax is not None
     x = dataset["at"].values
@@ -182,11 +183,13 @@ def _state_label(state: float) -> str:
 
 
 def _describe_fractions(capacity: np.ndarray, records: int, levels: np.ndarray, observed: np.ndarray) -> str:
-    """Return the legend entry of the observed fractions. It says why they are lower than the fractions of
-    records with a least overturning intensity below the level, if they are.
+    """Return the legend entry of the fractions of records that overturn at the levels of intensity.
+
+    If a fraction is lower than the fraction of records whose least overturning intensity is at most the
+    level, the entry gives the reason.
 
     - `capacity`: least overturning intensities, ascending; `records`: number of records
-    - `levels`, `observed`: intensities, and the fractions of records that overturn at them
+    - `levels`, `observed`: levels of intensity, and the fractions of records that overturn at these levels
     """
     fractions = np.searchsorted(capacity, levels, side="right") / records
     if np.all(observed >= fractions - 1e-9):

@@ -38,8 +38,8 @@ class Picture:
 
 
 def _with_panel_dims(draw: Callable[[xarray.Dataset], Figure]) -> Callable[[xarray.Dataset], Figure]:
-    """Return the function `draw`, extended to a spectrum of one podium, without the dims of panels; such a
-    spectrum is drawn as one panel."""
+    """Return a function like `draw` that also accepts the spectrum of a single podium, which lacks the dims
+    `eta_over_gamma` and `T_s`, and draws it as one panel."""
 
     def figure(data: xarray.Dataset) -> Figure:
         if "eta_over_gamma" not in data.dims:
@@ -137,7 +137,7 @@ def _groups(path: str | Path) -> dict[str, xarray.Dataset]:
 def redraw(
     path: str | Path, prefix: str | Path | None = None, names: Sequence[str] = (), suffix: str = ".png"
 ) -> list[Path]:
-    """Write the pictures of a file to PREFIX-NAME and a suffix, by default .png (animations: always .gif).
+    """Write the pictures of a dataset to files PREFIX-NAME.png, or with another suffix; animations to .gif.
 
     - `path`: file that rockjax wrote
     - `prefix`: PREFIX, by default the path without its suffix

@@ -207,7 +207,7 @@ def phase_portrait(response: Response | xarray.Dataset, ax: Axes | None = None) 
     At the saddle points θ = ±α (±θ_s with tendons), columns are in unstable equilibrium, Eq. (24). The
     separatrices pass through the saddle points. They assume a rigid superstructure and no ground motion,
     impacts or dampers. Without tendons and inerters their equation is ½(1+λ+4γ+4η)R²θ̇² = P(α) − P(θ), with
-    the potential energy P, from Eqs. (18), (19).
+    the potential energy P per mass N m_c of the columns, from Eqs. (18), (19).
     """
     assert ax is not None
     data = as_history(response)
@@ -284,8 +284,8 @@ def moment_rotation(response: Response | xarray.Dataset, ax: Axes | None = None)
 
     In full contact (θ = 0) the ratio is −q/q_up ∈ [−1, 1], with the demand q and its threshold q_up, Eq. (9).
     While rocking, the ratio is the sum of three moments about the edges: those of the weights, of the
-    vertical inertia, Eq. (15), and of restrainers. The moment of the weights is sin ψ/sin α: 1 at θ = 0, and
-    0 at θ = α. The thick line is the static moment of weights and tendons.
+    vertical inertia, Eq. (15), and of restrainers. With ψ = α − θ for θ > 0, the moment of the weights is
+    sin ψ/sin α: 1 at θ = 0, and 0 at θ = α. The thick line is the static moment of weights and tendons.
     """
     assert ax is not None
     data = as_history(response)

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 OPEN_COLOUR = "#F7D9CC"  # background of times at which a joint would be open, N < 0
 LEVELS = (-1.0, -0.8, -0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6, 0.8, 1.0)  # N divided by the dead load
 _LINES = {"bottom": "-", "top": "--"}  # joint → line style
-_MAX_AXIS = 4.0  # upper limit of the friction axis if a joint opens, divided by max(tan α, μ)
+# If a joint opens, demands above this multiple of max(tan α, μ) do not extend the friction axis.
+_MAX_AXIS = 4.0
 
 
 def _history_with_joints(response: Response | xarray.Dataset) -> xarray.Dataset:

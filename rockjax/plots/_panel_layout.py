@@ -32,7 +32,7 @@ def grid_of_panels(
     sharey: Literal["all", "row"] = "all",
     left=0.65,
 ) -> tuple[Figure, np.ndarray, float]:
-    """Make a figure of equal panels below a title that describes structure and pulse.
+    """Make a figure of panels of equal size below a title that describes structure and pulse.
 
     - `rows`, `columns`: numbers of panels
     - `width`, `height`: size of each panel [inches]; `left`, `right`: margins of the figure [inches]
@@ -69,7 +69,8 @@ def legend_beside(figure: Figure, axes: np.ndarray, distance: float) -> None:
             label: handle for label, handle in zip(labels, handles, strict=True) if label not in entries
         }
     x = axes[0, -1].get_position().x1 + distance / figure.get_figwidth()
-    # Curves precede marks.
+    # Curves precede the other entries, which _boundaries.py adds for jumps and ends of curves and for windows
+    # of survival. The labels of these entries begin with the following words.
     ordered = sorted(entries, key=lambda label: label.split()[0] in ("jump", "ends:", "windows"))
     figure.legend([entries[label] for label in ordered], ordered, loc="center left", bbox_to_anchor=(x, 0.5))
 
@@ -81,6 +82,7 @@ def panels_title(panels: xarray.Dataset) -> str:
     stories = f", {attributes['stories']:g} stories" if "stories" in attributes else ""
     alpha = attributes["alpha_rad"]
     columns = rf"$R = {attributes['R_m']:.4g}$ m, $\tan\alpha = {math.tan(alpha):.4g}$"
+    # With a vertical component, the attribute is "NAME with vertical ratio r".
     pulse_name, vertical, ratio = attributes["pulse"].partition(" with ")
     motion = f"{pulse_name} pulse{vertical}{ratio}" + ("\n" if vertical else ", ")
     return f"{motion}{beam}{columns}{stories}{_describe_devices(attributes)}"

@@ -17,8 +17,8 @@ from ._style import ACCELERATION_RATIO, FREQUENCY_RATIO, OVERTURNED_COLOUR, on_a
 if TYPE_CHECKING:
     import xarray
 
-# Limits of the colours. Derivatives grow without bound towards the overturning boundary, so that the limits
-# are nearly logarithmic on both sides of zero.
+# Limits of the colours, nearly logarithmic on both sides of zero, because derivatives grow without bound
+# towards the overturning boundary.
 STEPS = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
 LEVELS = (*(-step for step in reversed(STEPS)), *STEPS)
 COLOUR_MAP = "RdBu_r"

@@ -34,6 +34,7 @@ def symbol_for(parameter: str) -> str:
     entry = find_entry(parameter)
     if entry is None:
         return parameter.rpartition(".")[2]
+    # Letters with two dots, as in ü_g, become \ddot{u}.
     symbol = re.sub("(.)\N{COMBINING DIAERESIS}", r"\\ddot{\1}", unicodedata.normalize("NFD", entry.symbol))
     return symbol.replace("tan ", r"\tan ")
 
@@ -100,9 +101,10 @@ def curve_style(k: int) -> dict[str, Any]:
 
 
 def label_log_x(ax: Axes) -> None:
-    """Label a logarithmic x axis with plain numbers 1, 2, 5, 10, …, and 3 within one decade.
+    """Label a logarithmic x axis with plain numbers 1, 2, 5, 10, ….
 
-    More than 2.5 decades keep the default labels. Call this function after setting the limits.
+    An axis shorter than a decade also has the label 3. An axis of more than 2.5 decades keeps its labels.
+    Call this function after setting the limits.
     """
     low, high = ax.get_xlim()
     decades = math.log10(high / low)
