@@ -1,7 +1,8 @@
-"""Extensions by other packages: entry points of the group `rockjax.extensions`, which are loaded on use.
+"""Extensions by other packages: entry points of the group `rockjax.extensions`, each of which is loaded only
+when it is used.
 
-For example, the extension `design` implements the command `rockjax design`, and `design-chart` draws files of
-design charts. Without such a request, rockjax imports no extension.
+For example, the extension `design` implements the command `rockjax design`, and the extension `design-chart`
+plots the files of design charts.
 """
 
 from __future__ import annotations

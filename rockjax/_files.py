@@ -31,6 +31,7 @@ def write_atomically(path: str | Path, write: Callable[[str], object]) -> Path:
     os.close(handle)
     try:
         write(name)
+        # Only the owner may read a file of `mkstemp`; set the usual permissions.
         umask = os.umask(0)
         os.umask(umask)
         os.chmod(name, 0o666 & ~umask)

@@ -101,6 +101,8 @@ def fit_counts(x: Float[Array, " m"], events: Float[Array, " m"], trials: Float[
         likelihood = events * norm.logcdf(z) + (trials - events) * norm.logsf(z)
         return -jnp.sum(likelihood) / jnp.sum(trials)
 
+    # The search starts from a straight line through the probits of the shares of events. Half an event is
+    # added to each count, so that shares of 0 and 1 have finite probits.
     share = (events + 0.5) / (trials + 1.0)
     slope, offset = jnp.polyfit(log - centre, norm.ppf(share), 1)
     y, converged = _minimise(loss, jnp.stack([offset, slope]), (events, trials), has_fit)

@@ -37,7 +37,9 @@ class Options(Module):
     """Accuracy, method and scope of a simulation.
 
     - `rtol`, `atol`: relative and absolute tolerance of the step-size control [–]. `atol` is in natural
-      units: α for θ, pα for θ̇, u = min(2R sin α, g tan α/ω_s²) for u_t and u·max(p, ω_s) for u̇_t
+      units: α for the rotation θ, pα for θ̇, u = min(2R sin α, g tan α/ω_s²) for the displacement u_t of the
+      superstructure, and u·max(p, ω_s) for u̇_t, with α, R, p and g of [`rockjax.Podium`][] and the circular
+      frequency ω_s of the superstructure
     - `method`: `"dopri8"` (usually the fastest), `"tsit5"`, `"dopri5"`, `"bosh3"`, or a Diffrax solver.
       The flat engine accepts explicit Runge–Kutta methods with an error estimate, the segments engine any
       solver (also `"kvaerno5"`). For `"dopri8"`, the flat engine uses the Nyström method RKN8(6)9FM of the
@@ -53,13 +55,13 @@ class Options(Module):
       `"impacts_before_peak"`, `"margin"`, `"errors"`; for buildings also `"peak_drift"` and
       `"peak_floor_acceleration"`; for the deck `"peak_deck_acceleration"` and `"peak_velocity_jump"`; and for
       the joints `"peak_friction"`, `"axial_force"`, `"peak_foundation_shear"` and `"impact_friction"`. The
-      scene ends as soon as none of the requested outputs can change; other outputs are not computed (NaN
-      or None). Unless `"impacts"` is requested, the number of impacts may be NaN or inexact, see
-      [`rockjax.Peak`][]. `"errors"` estimates the errors of the peaks by a second solution. Instances of
+      scene ends as soon as it is certain that none of the requested outputs can change; other outputs are not
+      computed (NaN or None). Unless `"impacts"` is requested, the number of impacts may be NaN or inexact,
+      see [`rockjax.Peak`][]. `"errors"` estimates the errors of the peaks by a second solution. Instances of
       subclasses of [`rockjax.AbstractOutput`][] are user-defined outputs
     - `history`: number of steps that a history can hold under `jit`; outside jit it grows automatically
-    - `throw`: True to raise an error if a scene does not finish (such as `out_of_steps` or `not_finite`)
-      and no value is traced by JAX
+    - `throw`: True to raise an error if a scene does not finish (with a result such as `out_of_steps` or
+      `not_finite`) and no value is traced by JAX
 
     Raises `ValueError` for values out of range, such as tolerances below rounding or above 0.1, for unknown
     methods, engines or outputs, and for engines, methods and outputs that cannot be combined.
@@ -171,6 +173,7 @@ def canonical_options(podium: Podium, options: Options) -> Options:
 @functools.lru_cache(maxsize=256)
 def _canonical_treedef(treedef, applicable: frozenset[str]):
     """Return the tree structure of the canonical options."""
+    # Any valid numbers serve as parameters, because only the structure is returned.
     options = jax.tree.unflatten(treedef, [1e-3] * treedef.num_leaves)
     user_outputs = tuple(y for y in options.outputs if not isinstance(y, str))
     select = lambda names: tuple(name for name in REGISTRY if name in names and name in applicable)

@@ -1,12 +1,12 @@
 """Largest responses of linear oscillators to a piecewise polynomial floor acceleration a, (L5) to (L8) of
 docs/floors.md and docs/equations.md.
 
-An oscillator has the frequency ω, the damping ratio ζ and the damped frequency ω_d. With z = ẋ − λ̄x, λ = −ζω
-+ iω_d and its conjugate λ̄, the equation ẍ + 2ζωẋ + ω²x = −a becomes ż = λz − a, with one complex unknown
-instead of two real ones. At a velocity jump Δv of the floor, z⁺ = z⁻ − Δv. A piece is a time interval in
-which a is one polynomial; the solution over a piece is exact up to rounding. The displacement x relative to
-the floor, and 2ζωẋ + ω²x, which is minus the absolute acceleration, are responses of the form q = Re(c z)
-with complex factors c. The same search finds the largest |q| of both.
+An oscillator has the displacement x relative to the floor, the circular frequency ω, the damping ratio ζ and
+the damped frequency ω_d. With z = ẋ − λ̄x, λ = −ζω + iω_d and its conjugate λ̄, the equation
+ẍ + 2ζωẋ + ω²x = −a becomes ż = λz − a, with one complex unknown instead of two real ones. At a velocity jump
+Δv of the floor, z⁺ = z⁻ − Δv. A piece is a time interval in which a is one polynomial; the solution over a
+piece is exact up to rounding. A response has the form q = Re(c z) with a complex factor c. There are two:
+x, and 2ζωẋ + ω²x, which is minus the absolute acceleration. The same search finds the largest |q| of both.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ from rockjax._programs.program import StoredProgram
 PIECES_PER_PERIOD = 8
 SERIES_TERMS = 16  # terms of power series in s = λh; enough for pieces of an eighth of a period
 EXPONENTIAL = np.array([1 / math.factorial(j) for j in range(SERIES_TERMS)])  # coefficients of e^s
-LANES = 256  # largest number of oscillators in a group; the shortest period determines the pieces of all
+# Largest number of oscillators (lanes) in a group. The shortest period determines the pieces of all of them.
+LANES = 256
 FEW_LANES = 16  # groups are padded to this number of oscillators times a power of 4
 PIECES_PER_BLOCK = 8  # number of pieces in a block; only states at the starts of blocks are stored
 BLOCKS_PER_CALL = 32  # number of blocks that one call of the compiled program solves
@@ -497,8 +498,8 @@ def _slope(
     - `states`, `peak`: states of the oscillators under the load, and their largest |q|
     - `slope`, `slope_states`: derivative of the load with respect to a parameter, and states under it
 
-    The derivative of a peak is the derivative of q at a fixed time. For a peak at an end of a piece, it also
-    contains the rate of q times the derivative of the time of this end.
+    The derivative of a peak is the derivative of q at a fixed time. For a peak at an end of a piece, the rate
+    of q times the derivative of the time of this end is added.
     """
     pole, last = oscillators.pole, load.length.size
     is_free, k = peak.piece == last, np.minimum(peak.piece, last - 1)  # in free vibration after the load

@@ -1,16 +1,17 @@
 """One trial step of one scene. An accepted trial advances the scene; a rejected trial shortens the next.
 
-A trial takes a Runge–Kutta step. The guard is the quantity that ends the contact mode when it leaves its
-limits: σθ while rocking, and in full contact the uplift demand q of Eq. (9) of docs/model.md. A quintic
-polynomial interpolates the guard between both ends of the step. An event occurs where the guard leaves its
-limits. If this happens inside the step, the trial is rejected, and the next trial is shortened to end at the
-event. The event is applied once a trial ends on it, or so close to it that a Taylor expansion covers the
-remaining time. Events are therefore as accurate as the solver.
+A trial takes a Runge–Kutta step. Each contact mode σ ends when a quantity, its guard, leaves its limits.
+While rocking (σ = ±1) the guard is σθ with the rotation θ. In full contact (σ = 0) the guard is the uplift
+demand q of Eq. (9) of docs/model.md. A quintic polynomial interpolates the guard between both ends of the
+step. An event occurs where the guard leaves its limits. If this happens inside the step, the trial is
+rejected, and the next trial is shortened to end at the event. The event is applied once a trial ends on it,
+or so close to it that a Taylor expansion covers the remaining time. Events are therefore as accurate as the
+solver.
 
 Times, step lengths and roots are held constant under differentiation (`stop_gradient`). The constant value of
 a time is called its stamp; the derivatives of an event's time with respect to the parameters are carried
 separately. To differentiate an event, the state is moved from the stamp to the event (`state_past`), changed
-by the event, and moved back to the stamp (`restart`). This is exact in forward and reverse mode.
+by the event, and moved back to the stamp (`restart`). The derivatives are exact in forward and reverse mode.
 """
 
 from __future__ import annotations
@@ -112,6 +113,7 @@ def _classify(
     and the maxima of the outputs."""
     constant = jax.lax.stop_gradient
     c, h, time_resolution, rocking = scene.c, trial.h, trial.time_resolution, state.sigma != 0
+    # The step ends on an event (it lands) if the event is at most this time before or after its end [s].
     max_distance = jnp.maximum(scene.landing_fraction * h, time_resolution)
     is_before_stop = state.t + h + guard.time_past_end <= constant(trial.stop) + time_resolution
     clearance = guard.clearance_at_end.value(guard.time_past_end)
@@ -149,6 +151,7 @@ def _classify(
     breaks = (guard.breaks_before_turn | guard.breaks_after_turn) & ~lands & ~is_ignored
     # If the columns return to θ = 0 even in a very short first step after an uplift, the uplift is false.
     false_uplift = trial.starts_at_zero & (constant(state.v[0]) == 0) & breaks & (h < 1e-9 / constant(c.p))
+    # The next trial ends where the guard breaks, but is not shorter than 2 % of this step.
     event_fraction = jnp.where(breaks & ~false_uplift, jnp.maximum(guard.break_point, 0.02), jnp.inf)
 
     # If an output needs a more accurate maximum than the polynomial gives, the step is shortened to end on
@@ -190,8 +193,7 @@ def _advance(
     outcome: StepOutcome,
     replayed: Decision | None,
 ) -> tuple[LoopState, StepInfo]:
-    """Return the state after an accepted step and the transition at the end of the step, and the
-    `StepInfo`."""
+    """Return the state after an accepted step, including the transition at its end, and the `StepInfo`."""
     constant = jax.lax.stop_gradient
     trial, guard = view.trial, view.guard
     h, sigma, rocking = trial.h, state.sigma, state.sigma != 0
@@ -252,8 +254,8 @@ def _advance(
     if not plan.to_the_end:
         code = jnp.where(certificate(scene, plan, advanced, piece, ground), results.SETTLED, code)
     # The state is moved from the event back to the stamp with the equation of motion after the event. If the
-    # event coincides with a breakpoint, but their times have different derivatives, the old piece of the
-    # excitation applies between them.
+    # event coincides with a breakpoint, but the two times have different derivatives, the old piece of the
+    # excitation applies between the two.
     breakpoint_shift = jnp.where(piece > state.piece, trial.stop - constant(trial.stop), shift)
     x, v = restart(scene, stamp, shift - breakpoint_shift, x, v, mode, state.piece)
     x, v = past_breakpoint(scene, stamp, breakpoint_shift, x, v, mode, (state.piece, piece))
@@ -281,7 +283,8 @@ def _times(
 
 def _ground_jump(scene: Scene, state: LoopState, is_passed: Flag, mode: Value, x: Vector, v: Vector, ground):
     """Return the effect of the ground's velocity jump at the end of the piece, with a jump of zero unless
-    the step has passed this end (`is_passed`). Return None if the ground's velocity never jumps."""
+    `is_passed` (the step passes this end, and the columns do not overturn). Return None if the ground's
+    velocity never jumps."""
     jump = scene.excitation.velocity_jump(state.piece)
     if jump is None:
         return None

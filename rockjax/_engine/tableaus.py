@@ -1,8 +1,8 @@
 """Butcher tableaus (coefficients) of explicit Runge–Kutta methods.
 
 The tableaus of the explicit methods in `methods.py` are stored in `tableaus.json`, because importing Diffrax
-is slow. They are copies of Diffrax's tableaus, as a test verifies; `write` writes them again. The tableau of
-any other explicit Diffrax solver is taken from the solver itself.
+is slow. The stored tableaus are copies of Diffrax's, as a test verifies; `write` writes the file again. The
+tableau of any other explicit Diffrax solver is taken from the solver itself.
 """
 
 from __future__ import annotations
@@ -45,7 +45,8 @@ class Tableau:
 
 @functools.cache
 def tableau(method: str | diffrax.AbstractERK) -> Tableau:
-    """Return the tableau of an explicit method: a name or a Diffrax solver, as in [`rockjax.Options`][]."""
+    """Return the tableau of an explicit method. `method` is a name or a Diffrax solver, as in
+    [`rockjax.Options`][]."""
     stored = _stored().get(method) if isinstance(method, str) else None
     entries = coefficients_of(solver_of(method)) if stored is None else stored
     stages = len(entries["a"]) + 1
@@ -72,7 +73,7 @@ def nystrom() -> Tableau:
     """Return RKN8(6)9FM of Dormand, El-Mikkawy and Prince (IMA J. Numer. Anal. 7, 1987, 423–430).
 
     The method has order 8 and computes eight accelerations in each step. It is valid only if accelerations do
-    not depend on velocities. The weights `AA` of positions are independent weights, and `A` is zero.
+    not depend on velocities. Unlike in a Runge–Kutta method, `AA` is not the square of `A`; `A` is zero.
     """
     rows = [
         (1 / 800,),

@@ -41,17 +41,17 @@ def transition(
     false_uplift: Flag | bool = False,
     to_rest: Flag | bool = False,
 ) -> Transition:
-    """Apply the transition of the automaton at the end of a step.
+    """Apply the transition between contact modes at the end of a step.
 
     - `scene`: the prepared scene
     - `sigma`: contact mode σ before the transition
     - `x`, `v`: positions and velocities before the transition
-    - `ground`: ground acceleration after the transition, ü_g, or ü_g and v̈_g [m/s²]
+    - `ground`: ground acceleration after the transition, horizontal ü_g, or ü_g and vertical v̈_g [m/s²]
     - `hit`: True for an impact
     - `lifted`: True for an uplift
     - `demand`: demand q before the uplift [m/s²]; the columns lift to the side −sign q
     - `false_uplift`: True if the step does not confirm an uplift; the columns are then in full contact
-    - `to_rest`: True if an impact brings the columns to rest at any speed
+    - `to_rest`: True if an impact brings the columns to rest whatever their speed
 
     Without an event the contact mode stays the same, except that columns in full contact lift if a jump of
     the ground acceleration has brought the demand above the threshold.
@@ -77,12 +77,12 @@ def contact_mode(c: Coefficients, q: Value) -> Value:
 def after_impact(
     scene: Scene, sigma: Value, theta_dot: Value, q: Value, to_rest: Flag | bool = False
 ) -> tuple[Value, Value]:
-    """Return (θ̇⁺, σ⁺) after an impact, Eq. (27).
+    """Return the rate θ̇⁺ [rad/s] and the contact mode σ⁺ after an impact, Eq. (27).
 
     - `scene`: the prepared scene
     - `sigma`, `theta_dot`: contact mode and θ̇ [rad/s] before the impact
     - `q`: demand in full contact after the impact [m/s²]
-    - `to_rest`: True if the columns come to rest at any speed
+    - `to_rest`: True if the columns come to rest whatever their speed
 
     The columns rock on to the other side unless |θ̇⁺| is at most the rest velocity, or `to_rest` is True.
     Then full contact follows, or a new uplift if |q| exceeds the threshold.
@@ -174,8 +174,8 @@ def restart(
     The time of the event depends on the parameters; the stamp does not. The state is moved from the stamp to
     the event with the equation of motion before the event, changed by the transition, and moved back with the
     equation of motion after the event. The saltation matrix is the derivative of the last state of this
-    sequence with respect to the first. This function is the move back: it changes derivatives, but not
-    values.
+    sequence with respect to the first. This function makes the last move: it changes derivatives, but
+    not values.
     """
     del scene, t, delta, sigma, piece
     return x, v

@@ -1,5 +1,5 @@
-"""Base classes of excitations, which are ground motions: callables t ↦ ü_g with support (start and end) and
-breakpoints.
+"""Base classes of excitations. An excitation is a ground motion: a callable that maps the time t to the
+ground acceleration ü_g, with a support (start and end) and breakpoints.
 
 Breakpoints are the times at which ü_g, one of its derivatives with respect to t, or the velocity of the
 ground jumps. They divide an excitation into smooth pieces. The engine never steps across a breakpoint and
@@ -62,8 +62,8 @@ class AbstractLookahead(Module):
         """Return the time between `start` and `end` at which |ü_g| is largest [s]. If a `side` of ±1 is
         given, return the time at which side·ü_g is largest.
 
-        `end` may be inf. The lookahead must have been created with a threshold. For a side, it must be the
-        result of `with_sides`.
+        `end` may be inf. The lookahead must have been created with a threshold. If a side is given, the
+        lookahead must be the result of `with_sides`.
         """
 
     def with_sides(self) -> AbstractLookahead:
@@ -107,8 +107,8 @@ class AbstractExcitation(Module):
         raise NotImplementedError(f"{type(self).__name__} cannot be scaled; define its method `scaled`")
 
     def strength(self) -> np.ndarray | None:
-        """Return a NumPy array with a number for each motion of a batch, roughly proportional to max|ü_g|, by
-        which scenes are sorted; None if the class has no quick formula."""
+        """Return a number for each motion of a batch, roughly proportional to max|ü_g|, as a NumPy array;
+        scenes are sorted by these numbers. None if the class has no quick formula."""
         return None
 
     @property

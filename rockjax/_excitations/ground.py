@@ -2,7 +2,7 @@
 
 A piece of the pair combines piece i of the horizontal with piece j of the vertical component. Its index is
 i·n + j, where n is the number of vertical pieces. Where breakpoints of both components coincide, i and j
-advance together. Columns below a rigid superstructure lift when one of the combined signals ±ü_g − K v̈_g
+advance together. Unless a superstructure vibrates, columns lift when one of the combined signals ±ü_g − K v̈_g
 exceeds a threshold; K is the factor of v̈_g in (C10) of docs/control.md. Lookaheads (see `base.py`) find these
 crossings.
 """
@@ -27,7 +27,9 @@ from .base import AbstractExcitation, AbstractLookahead, Shaking
 
 PARTS = "horizontal", "vertical"
 MAX_PIECES = 2**31  # limit of the number of pairs of pieces, because their index is a 32-bit integer
-# Excursions above the threshold may be missed if they last less than this multiple of √(threshold/curvature).
+# Excursions of a combined signal above the threshold may be missed if they last less than this multiple of
+# √(threshold/curvature), where `curvature` is the bound of the second derivatives of the combined signals, or
+# less than the rounding of time.
 MIN_EXCURSION = 1e-9
 # Factor on the level of |ü_g| below which no combined signal can exceed the threshold. It is less than 1 as a
 # margin for rounding.
@@ -61,9 +63,9 @@ class GroundMotion(AbstractExcitation):
     end of the later one. A call returns the horizontal acceleration.
 
     g + v̈_g must be positive at all times, because otherwise joints could open vertically, which the model
-    excludes. If it is not, a single scene whose values are not traced raises `ValueError`, and other scenes
-    end with the result `weightless`. Raises `ValueError` for components that are not motions with one
-    component, and for components with too many pieces (samples).
+    excludes. If g + v̈_g is not always positive, a single scene whose values are not traced raises
+    `ValueError`, and other scenes end with the result `weightless`. Raises `ValueError` for components that
+    are not motions with one component, and for components with too many pieces (samples).
     """
 
     horizontal: AbstractExcitation = eqx.field(converter=_component("horizontal"))
@@ -211,8 +213,8 @@ class GroundMotion(AbstractExcitation):
 
     def lookahead(self, threshold: Value | None, tilt: Value | None = None) -> PairLookahead:
         """Return the lookahead for a threshold [m/s²] of the combined signals ±ü_g − K v̈_g, with K = `tilt`.
-        Its method `next_exceedance` needs both arguments, `highest_time` only the threshold. If either is
-        None, `threshold` is a threshold of |ü_g|."""
+        If `tilt` is None, `threshold` is a threshold of |ü_g|. The lookahead's method `next_exceedance` needs
+        both arguments, `highest_time` only the threshold."""
         motion: GroundMotion = jax.lax.stop_gradient(self)
         vertical = motion.vertical.lookahead(None)
         if threshold is None or tilt is None:
@@ -313,8 +315,9 @@ class PairLookahead(AbstractLookahead):
         none.
 
         The search visits only times at which |ü_g| is large enough for a combined signal to exceed the
-        threshold. A step of the search cannot pass a crossing: the step ends where a signal would reach the
-        threshold if the curvature of the signal were as large as its bound.
+        threshold. A step of the search ends where a signal would reach the threshold if its second derivative
+        were as large as its bound, so the step passes no crossing. Only steps of the least length may pass
+        short excursions above the threshold, see `MIN_EXCURSION`.
         """
         del piece
         threshold, tilt, curvature = self.threshold, self.tilt, self.curvature
@@ -327,8 +330,8 @@ class PairLookahead(AbstractLookahead):
         start, end = motion.support
 
         def safe_time(clearance: Value, slope: Value) -> Value:
-            """Return the shortest time in which a signal that is `clearance` below the threshold can reach
-            it."""
+            """Return the shortest time in which a signal that is `clearance` below the threshold, and rises
+            at the rate `slope`, can reach the threshold."""
             root = jnp.sqrt(slope**2 + 2 * curvature * jnp.maximum(clearance, 0.0))
             rises, safe_curvature = slope + root > 0, jnp.where(is_curved, curvature, 1.0)
             time_up = 2 * clearance / jnp.where(rises, slope + root, 1.0)
@@ -375,7 +378,7 @@ def check_weight(owner: str, motion: AbstractExcitation, g: Number) -> None:
     """Raise `ValueError` unless g + v̈_g is positive at all times; batches and traced numbers pass."""
     if not isinstance(motion, GroundMotion) or any(map(jnp.ndim, motion.vertical.support)) or jnp.ndim(g):
         return
-    # The common form is used because JAX compiles these operations for every number of samples.
+    # JAX compiles these operations for every number of samples; the common form has one of a few numbers.
     lowest, time = (concrete(y) for y in motion.vertical.common_form().lowest())
     gravity = concrete(g)
     if lowest is None or time is None or gravity is None or lowest.ndim or gravity + lowest > 0:

@@ -32,7 +32,7 @@ class PiecewiseMotion(AbstractExcitation):
 
     - `times`: breakpoints, ascending; the last ones may be inf [s]
     - `coefficients`: coefficients of the acceleration from each breakpoint to the next, in powers of
-      z ∈ [−1, 1] over that interval [m/s²]; the last row is not used
+      z ∈ [−1, 1] over that interval [m/s²]; rows of intervals without a finite end are not used
     - `jumps`: jump of the velocity at each breakpoint [m/s]
     """
 

@@ -218,14 +218,16 @@ class AbstractPulse(AbstractExcitation):
         a_p, T_p = jax.lax.stop_gradient((self.a_p, self.T_p))
         if threshold is None:
             return _PulseLookahead(a_p, T_p, None, None, type(self))
-        # The threshold divided by the amplitude; a pulse with zero amplitude never exceeds it.
+        # The threshold divided by the amplitude; inf for zero amplitude, because such a pulse exceeds no
+        # threshold.
         level = jax.lax.stop_gradient(threshold) / jnp.where(a_p == 0, 1.0, jnp.abs(a_p))
         level = jnp.where(a_p == 0, jnp.inf, level)
         knots = np.asarray(self.knots())
         heights = np.asarray(self.shape(knots))
         start, end = heights[:-1], heights[1:]
         # On each interval the shape is monotone, from `start` to `end`. Therefore, if |s| exceeds the level
-        # somewhere on an interval, |s| also exceeds the level at one of the two knots of this interval.
+        # somewhere on an interval, |s| also exceeds the level at one of the two knots of this interval. If s
+        # exceeds the level with the same sign at both knots, |s| exceeds the level on the whole interval.
         falls = self._level_crossings(level, start, rises=False)
         rises = self._level_crossings(level, end, rises=True)
         lead = jnp.where(
@@ -265,6 +267,7 @@ def _derivative_bound(pulse: type[AbstractPulse], order: int) -> float:
     return 1.01 * float(np.abs(np.diff(s, order)).max()) / h**order
 
 
+# For NumPy arguments, the following functions return NumPy values, without JAX.
 def _exp(x):
     return np.exp(x) if isinstance(x, np.ndarray | np.floating) else jnp.exp(x)
 
@@ -299,6 +302,7 @@ class Ricker(AbstractPulse):
 
 
 def _z_to_tau(z: float) -> float:
+    """Return τ = t/T_p at z = 2πt/(√3 T_p), the variable of the antisymmetric Ricker pulse."""
     return z * math.sqrt(3) / (2 * math.pi)
 
 

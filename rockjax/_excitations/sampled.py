@@ -24,7 +24,7 @@ from rockjax._types import Index, Value
 from .base import AbstractExcitation, AbstractLookahead, size_on
 
 # Smallest padded size, and the ratio of successive sizes. Single records have few sizes, because each size
-# needs a compiled program. The sizes of tables are closer, because padding applies to every row.
+# needs a compiled program. The sizes of tables lie closer together, because padding applies to every row.
 RECORD_SIZES, TABLE_SIZES = (8192, 4), (2048, 2)
 
 
@@ -72,7 +72,8 @@ class AbstractSampled(AbstractExcitation):
 
     @abc.abstractmethod
     def samples_at(self, table: Float[Array, "*table n"], i: Index) -> Value:
-        """Return the element i of this motion from an array that has the rows of `table`, of any length."""
+        """Return the element i of this motion from an array with one row for each row of `table`; the rows of
+        the array may have any length."""
 
     def row_counts(self) -> Int[Array, "*rows 1"]:
         """Return the number of samples in each row of the table."""
@@ -125,14 +126,15 @@ class AbstractSampled(AbstractExcitation):
         return lambda t: a0 + slope * (t - t0)
 
     def at_most(self, piece: Index, t: Value, ahead: Value, now: Value) -> Value:
-        # The motion is linear between samples, so the largest value is at an end.
+        # The motion is linear between samples, so |ü_g| is largest at an end of the interval.
         return jnp.maximum(now, jnp.abs(self.piece(piece)(t + ahead)))
 
     def curvature(self) -> Value:
         return jnp.zeros_like(self.sampling.dt)
 
     def lowest(self) -> tuple[Value, Value]:
-        scale, table = self.sampling.scale, self.table  # padding is zero
+        # The table is padded with zeros, and the motion is zero outside its samples.
+        scale, table = self.sampling.scale, self.table
         indices = jnp.argmin(table, axis=-1), jnp.argmax(table, axis=-1)
         low, high = (jnp.take_along_axis(table, k[..., None], axis=-1)[..., 0] for k in indices)
         low, high, index_of_low, index_of_high = (self.select_rows(y) for y in (low, high, *indices))
@@ -192,6 +194,7 @@ class SampledLookahead(AbstractLookahead):
         value = jnp.abs(scale) * self.record.samples_at(table, jnp.clip(piece - 1, 0, count - 1))
         return jnp.where(piece < count, value, 0.0)
 
+    # Bounds that hold from the start of the piece on also hold from t on.
     def impulse(self, t: Value, piece: Index) -> Value:
         return self.record.sampling.dt * self._from_piece(self.remaining_integral, piece)
 
@@ -266,8 +269,8 @@ class SampledLookahead(AbstractLookahead):
         slope = (a1 - a0) / jnp.where(end > start, end - start, 1.0)
         crossing = start + (threshold - jnp.sign(a1) * a0) / jnp.abs(jnp.where(slope == 0, 1.0, slope))
         crossing = jnp.clip(crossing, start, end)
-        # Move to the next floating-point number, at which the threshold is exceeded. Older versions of JAX
-        # cannot differentiate `nextafter`.
+        # Move to the next floating-point number, at which the threshold is exceeded. The arguments of
+        # `nextafter` are held constant, because older versions of JAX cannot differentiate it.
         fixed = jax.lax.stop_gradient(crossing)
         crossing += jnp.nextafter(fixed, jax.lax.stop_gradient(end)) - fixed
         return jnp.where(exceeds_now, t, jnp.where(sample < count, crossing, jnp.inf))

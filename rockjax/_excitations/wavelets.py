@@ -1,7 +1,7 @@
 """Wavelets with a variable number of oscillations.
 
-Unlike pulses, wavelets have no fixed intervals on which they are monotone. Therefore their lookaheads search
-for the next exceedance of a threshold with the help of bounds on ü_g and d²ü_g/dt².
+Unlike the pulses in `pulses.py`, wavelets are not monotone on fixed intervals. Therefore their lookaheads
+search for the next exceedance of a threshold with the help of bounds on |ü_g| and |d²ü_g/dt²|.
 """
 
 from __future__ import annotations
@@ -148,7 +148,8 @@ class MavroeidisPapageorgiou(AbstractExcitation):
     def _bounds(self) -> tuple[Value, Value]:
         """Return upper bounds of |ü_g| [m/s²] and |d²ü_g/dt²| [m/s⁴]."""
         # The velocity is a sum of harmonics with the frequencies ω and ω(1±1/γ) and the amplitudes A/2
-        # and A/4. The sum of their amplitudes bounds every derivative.
+        # and A/4. Each derivative of the velocity is bounded by the sum of the amplitudes that the
+        # harmonics have in this derivative.
         motion: MavroeidisPapageorgiou = jax.lax.stop_gradient(self)
         omega = 2 * math.pi * motion.f_p
         rates = (omega, omega * (1 + 1 / motion.gamma), omega * (1 - 1 / motion.gamma))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-# Peak memory per scene [bytes], without its parameters. A batch needs 120; a spectrum needs 160, because it
-# is assembled and written.
+# Peak memory per scene [bytes], without the scene's parameters. A batch needs 120 bytes; a spectrum needs
+# 160, because it is also assembled and written.
 BYTES_PER_SCENE = 160
 BYTES_PER_SENSITIVITY = 32  # additional memory per scene and sensitivity parameter [bytes]
 SYSTEM_ROOT = Path("/")  # root of /proc and /sys
@@ -25,14 +25,15 @@ def require_memory(
     noun: str = "scenes",
     advice: str = REQUEST_FEWER_OR_SWEEP,
 ) -> None:
-    """Raise `ValueError` if the results of scenes do not fit into free memory, as reported by Linux.
+    """Raise `ValueError` if the results of scenes, or of other items, do not fit into free memory, as
+    reported by Linux.
 
     Other systems, and results below 1 MiB, are not checked.
 
     - `owner`: class or function, for the message
-    - `number`: number of scenes
-    - `bytes_each`: memory of each scene [bytes]
-    - `noun`: plural noun for what is counted, for the message
+    - `number`: number of items
+    - `bytes_each`: memory of each item [bytes]
+    - `noun`: plural noun for the items, for the message
     - `advice`: advice at the end of the message
     """
     needed, free = number * bytes_each, []

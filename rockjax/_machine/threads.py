@@ -12,7 +12,7 @@ from typing import Any
 
 import jax
 
-# Modules for tables. xarray imports dask.array, if it is installed, when it makes the first Dataset.
+# Modules for tables. xarray imports dask.array, if installed, when the first Dataset is made.
 TABLE_MODULES = "xarray", "dask.array"
 
 # The thread pool, once it exists. It starts another thread if none is idle, up to 1024, so waiting threads do
@@ -64,7 +64,7 @@ def import_in_background(*modules: str) -> None:
 
     def load() -> None:
         for name in modules:
-            with contextlib.suppress(ImportError):  # the importing code will raise it again
+            with contextlib.suppress(ImportError):  # code that needs the module raises it again
                 importlib.import_module(name)
 
     submit(load)

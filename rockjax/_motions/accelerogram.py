@@ -1,4 +1,4 @@
-"""Samples of a ground motion, quantities derived from them, and plausibility checks.
+"""Samples of a ground motion, quantities derived from the samples, and plausibility checks.
 
 A motion is linear between samples, and all integrals here are exact for such motions.
 """
@@ -17,13 +17,14 @@ from rockjax._checks import as_float, require_finite_samples, require_number
 from rockjax._unit_warnings import PlausibilityWarning, warn_about_units
 from rockjax._units import STANDARD_GRAVITY
 
+# PGA and PGV are the peak ground acceleration and velocity.
 HIGHEST_PGA = 3 * STANDARD_GRAVITY  # a larger PGA suggests samples in gal that were read as m/s²
 LOWEST_PGA = 1e-4 * STANDARD_GRAVITY  # a smaller PGA also suggests a wrong unit
 # If the user has given the unit m/s², a PGA below this value suggests samples in g.
 LOWEST_USER_PGA = 0.05 * STANDARD_GRAVITY
 SHORTEST_DT, LONGEST_DT = 1e-4, 0.1  # range of sampling intervals without a warning [s]
 RAW = "raw"  # metadata["processing"] starts with this word for uncorrected data
-MAX_FINAL_VELOCITY = 0.2  # share of PGV; a larger final velocity suggests a cut or uncorrected record
+MAX_FINAL_VELOCITY = 0.2  # as a share of PGV; a larger final velocity suggests a cut or uncorrected record
 
 
 class RecordWarning(PlausibilityWarning):
@@ -101,7 +102,8 @@ class Accelerogram:
         """Peak ground displacement [m], including peaks between samples, where the velocity crosses zero."""
         a, v, u, dt = self.acceleration[:-1], self.velocity[:-1], self.displacement[:-1], self.dt
         slope = np.diff(self.acceleration) / dt
-        # Roots of v + aτ + ½ slope τ² = 0. The sum of terms with equal signs has no cancellation.
+        # Times τ with zero velocity, v + aτ + ½ slope τ² = 0. `stable_sum` adds two terms of equal sign, so
+        # no digits cancel.
         root = np.sqrt(np.maximum(a * a - 2 * slope * v, 0))
         stable_sum = -(a + np.copysign(root, a))
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -114,7 +116,8 @@ class Accelerogram:
 def warn_if_implausible(
     motion: Accelerogram, where: str, stacklevel: int, *, unit_from_user: bool = False
 ) -> None:
-    """Warn (`RecordWarning`) if units, sampling interval or baseline of a motion look wrong.
+    """Warn (`RecordWarning`) if units, sampling interval or baseline of a motion look wrong, if its file is
+    damaged, or if its data are raw. The final velocity of raw data is not checked.
 
     - `motion`: motion read from a file
     - `where`: name of the file, for messages

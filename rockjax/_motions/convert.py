@@ -1,10 +1,10 @@
 """Conversion of ground motions in any form to excitations.
 
 An excitation stays as it is. A `Motion`, which readers return, becomes a `Record`, or a `GroundMotion` if it
-has a vertical component. `Motions`, and lists of motions, become a table of `Records`; lists of pulses of one
-class become a batch of pulses. Anything else raises a `ValueError`, whose message names the argument. For
-strings, paths, arrays, numbers and classes of pulses, the message also names a call that makes a ground
-motion.
+has a vertical component. `Motions`, and lists of motions, become a table of `Records`, or `RecordPairs` if
+they have vertical components. Lists of pulses of one class become a batch of pulses. Anything else raises a
+`ValueError`, whose message names the argument. For strings, paths, arrays, numbers and classes of pulses, the
+message also names a call that makes a ground motion.
 """
 
 from __future__ import annotations
@@ -70,11 +70,12 @@ def as_batch(owner: str, value, name: str = "excitations") -> AbstractExcitation
 
 def as_records(owner: str, value, name: str = "records") -> tuple[Records | RecordPairs, list[str] | None]:
     """Return records, or pairs of records, as one table, with the names of the records. The names are None if
-    any record has no name; records of a `Records` table have none."""
+    any record has no name; records of a table have no names."""
     if isinstance(value, RecordPairs):
         return value, None
     if isinstance(value, Records):
         which, scale = concrete(value.which), concrete(value.scale)
+        # A table of which only a part is selected, or whose records are scaled, is built anew.
         is_traced = which is None or scale is None
         is_complete = is_traced or (np.array_equal(which, np.arange(len(value))) and bool(np.all(scale == 1)))
         return (value if is_complete else Records.of(_records_of_table(owner, value, name))), None

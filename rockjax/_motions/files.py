@@ -42,7 +42,7 @@ def read(
       same interval
     - `component`: number or name of a channel, if the file has several; otherwise None
 
-    Raises `ValueError` that names the file, the cause and, where possible, the line.
+    Raises a `ValueError` that names the file, the cause and, where possible, the line.
     """
     require_instance("read_motion", "path", path, str | Path, "the path of a file")
     path = Path(path)

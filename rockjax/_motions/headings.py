@@ -133,9 +133,9 @@ def _split(location: str, text: str, words: str) -> tuple[str, str | None]:
         unit = unit_of(remainder)
         if unit is None or not quantity:
             continue
-        # A word after a mere blank may be a direction, such as the S in `N S`. It counts as a unit only if
-        # its dimension fits the quantity, or if it contains a slash. After a comma or slash, every unit
-        # counts.
+        # A word after a mere blank or underscore may be a direction, such as the S in `N S`. Such a word
+        # counts as a unit only if its dimension fits the quantity, or if it contains a slash. After a comma
+        # or slash, every unit counts.
         kind = _match_quantity(quantity)
         fits = UNITS[unit].dimension in _DIMENSIONS.get(kind, {kind})
         if fits or "/" in remainder or match[0].strip(" _in"):

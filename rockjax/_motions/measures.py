@@ -32,7 +32,8 @@ def intensity_measures(
     - `damping`: damping ratio of Sa, 0 ≤ ζ < 1 [–]
     - `podium`: podium for two additional dimensionless measures (Dimitrakopoulos & Paraskeva 2015), or None:
       `acceleration_ratio` PGA/(g tan α) and `velocity_ratio` p·PGV/(g tan α), with the slenderness α and the
-      frequency parameter p of the podium. A rigid podium lifts only if the acceleration ratio exceeds 1
+      frequency parameter p of the podium. Under a horizontal motion, a rigid podium at rest lifts only if the
+      acceleration ratio exceeds 1
 
     Variables: `dt`, `duration` [s], `PGA` [m/s²], `PGV` [m/s], `PGD` [m], `PGV_PGA` [s] (NaN for a PGA of
     zero), `arias_intensity` π/(2g)∫ü_g² dt [m/s], `CAV` ∫|ü_g| dt [m/s], `D5_95` [s], `scale` (scale factor

@@ -132,7 +132,7 @@ class Motion(Accelerogram):
           a constant, 2 a straight line, 3 a parabola
 
         The polynomial is zero at the start and equals the velocity at the end, so the corrected motion
-        starts and ends at rest. In between, it is fitted to the velocity by least squares.
+        starts and ends at rest. In between, the polynomial is fitted to the velocity by least squares.
 
         Raises `ValueError` for another order.
         """
@@ -310,11 +310,11 @@ class Motions(Sequence[Motion]):
     def paired(self) -> Motions:
         """Return the horizontal motions, each with the vertical component of its station and event.
 
-        Stations, events, dates and components are taken from the headers. A motion without a station in the
-        header gets the vertical file whose name, without the component, begins the name of the motion. The
-        sign of a vertical component that points down is changed. Raises `ValueError` if there is no
-        horizontal motion, and if horizontal motions do not have exactly one vertical component; the message
-        lists them.
+        Stations, events, dates and components are taken from the headers. For a horizontal motion without a
+        station in the header, the names decide: the name of the vertical motion, without the component, must
+        be a prefix of the name of the horizontal motion. The sign of a vertical component that points down is
+        changed. Raises `ValueError` if there is no horizontal motion, or if any horizontal motion does not
+        match exactly one vertical motion; the message lists all such motions.
         """
         return Motions(pair_motions(self.motions))
 
@@ -327,10 +327,10 @@ class Motions(Sequence[Motion]):
           `"Sa"` [m/s²]
         - `value`: target, > 0, in the unit of the measure
         - `period`: period of Sa [s]; None for other measures
-        - `damping`: damping ratio of Sa [–]
+        - `damping`: damping ratio ζ of Sa, 0 ≤ ζ < 1 [–]
 
-        Raises `ValueError` for an unknown measure, for a value ≤ 0, for Sa without a period, for other
-        measures with a period, and for a motion whose measure is zero.
+        Raises `ValueError` for an unknown measure, for a value ≤ 0, for another damping ratio, for Sa without
+        a period, for other measures with a period, and for a motion whose measure is zero.
         """
         require_number("scaled_to", "value", value, lambda v: v > 0, "finite and > 0")
         require_number("scaled_to", "damping", damping, lambda v: 0 <= v < 1, ">= 0 and < 1")

@@ -135,9 +135,9 @@ def fit_pulse(
     - `shortest`, `longest`: range of the initial periods 1/f_p, 0 < shortest < longest; periods longer than
       the record are not used [s]
 
-    For 40 initial periods and 5 numbers of oscillations, correlation with the velocity finds the best time of
-    the pulse in the record. Least-squares fits (Levenberg–Marquardt) start from up to four of these pulses,
-    at whose periods the explained share has the largest local maxima. [`rockjax.refit_pulse`][] gives
+    For 40 initial periods and 5 numbers of oscillations, correlation with the velocity finds the best time,
+    amplitude and phase of a pulse. Least-squares fits (Levenberg–Marquardt) start from up to four of these
+    pulses, at whose periods the explained share has the largest local maxima. [`rockjax.refit_pulse`][] gives
     derivatives of the pulse with respect to the samples. Raises `ValueError` for traced samples, for none or
     several motions, for a motion that is zero throughout, and for an invalid `quantity` or range of periods.
     """
@@ -154,6 +154,7 @@ def fit_pulse(
     record = motions[0]
     if not np.any(record.velocity):
         raise ValueError(f"{owner}: {record.name} is zero throughout")
+    # Even if the record is shorter than `shortest`, a narrow range of periods remains.
     longest = max(min(longest, record.duration), 1.0001 * shortest)
     starts = _starting_pulses(
         record.velocity, record.dt, np.geomspace(1 / longest, 1 / shortest, FREQUENCIES)

@@ -85,8 +85,8 @@ def record_coords(records: Records | RecordPairs, argument: Any = None) -> dict[
     - `records`: table of the records
     - `argument`: argument from which the table was made, or None
 
-    The coordinates are dt, PGA and checksum of the samples. If the motions in `argument` have a source for
-    every record, the source is added; likewise the seed.
+    The coordinates are dt, PGA and checksum of the samples, of pairs those of the horizontal records. If
+    `argument` gives a source for every record, the sources are added; likewise the seeds.
     """
     table = records.horizontal if isinstance(records, GroundMotion) else records
     assert isinstance(table, Records)

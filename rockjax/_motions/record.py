@@ -82,8 +82,8 @@ class Record(AbstractSampled):
         - `scale`: factor on the samples [–]
         - `component`: number or name of a channel, if the file has several; otherwise None
 
-        Formats, errors and warnings are the same as in [`rockjax.read_motion`][]; only the latter also
-        returns the contents of the header.
+        Formats, errors and warnings are the same as in [`rockjax.read_motion`][], which also returns the
+        contents of the header.
         """
         # Imported on first use, because `files` imports the readers of all formats.
         from .files import read

@@ -56,7 +56,7 @@ class Records(AbstractSampled):
     scale: Float[Array, "*batch"] = eqx.field(converter=as_number("Records: scale"), default=1.0)
 
     def __check_init__(self):
-        if isinstance(self.acceleration, np.ndarray):  # a JAX array comes from checked records
+        if isinstance(self.acceleration, np.ndarray):  # JAX arrays are computed, or already checked
             refuse_gaps("Records: acceleration", self.acceleration)
             require_finite_samples("Records", self.acceleration)
 

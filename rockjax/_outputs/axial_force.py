@@ -18,14 +18,14 @@ from .joint_samples import SampleForces
 from .joints import JOINTS, AbstractJointOutput, all_of, over_rest, over_step
 from .views import Ended, Rest, Sample, Start, Step
 
-Pairs = tuple[tuple[Value, Value], ...]
+Pairs = tuple[tuple[Value, Value], ...]  # largest −N/(m_c g) and largest N/(m_c g) of each joint
 
 
 @dataclasses.dataclass(frozen=True)
 class AxialForce(AbstractJointOutput):
     """The least and the largest axial force N/(m_c g) at the bottom and the top joint, over time and over all
-    columns, (F8) [–]; compression is positive. If the least force is negative, a joint would open, and the
-    model no longer holds.
+    columns, (F8) [–], with the mass m_c of a column; compression is positive. If the least force is
+    negative, a joint would open, and the model no longer holds.
 
     The accumulator (the value up to the present time) contains the largest −N/(m_c g) and the largest
     N/(m_c g) of each joint.
@@ -76,14 +76,15 @@ class AxialForce(AbstractJointOutput):
 
     def answer(self, ended: Ended, accumulator: Pairs, note: Any) -> dict[str, Any]:
         tension, compression = (self.nan_if_weightless(ended, y) for y in zip(*accumulator, strict=True))
+        # The least force is not −`tension`, which would be −0 for a force of 0.
         return {"least_axial_force": 0.0 - tension, "peak_axial_force": compression}
 
 
 @dataclasses.dataclass(frozen=True)
 class Unloading(AxialForce):
     """The largest loss of axial force 1 − N/N_0 at the bottom and the top joint, over time and over all
-    columns [–], for design targets and limit states. N_0 is the axial force of the mean column at rest. If
-    the loss exceeds 1, a joint would open. The answer is 0 at a joint without dead load.
+    columns [–], for design targets and limit states. N_0 is the mean axial force of the columns at rest. If
+    the loss exceeds 1, a joint would open. The answer is 0 at a joint with N_0 = 0.
     """
 
     name = "unloading"

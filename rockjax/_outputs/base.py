@@ -65,12 +65,13 @@ class AbstractOutput:
                 psi = moment.sigma * moment.c.alpha - moment.x[0]
                 return moment.c.two_R * moment.v[0] * jnp.cos(psi)
 
-    and pass it in `Options(outputs=("peak_rotation", PeakBeamSpeed()))`. The answer is the largest absolute
-    value of the quantity in the scene, and can be differentiated. Override `over_step`, `at_impact`, `update`
-    or `answer` for other forms of answers. Override further methods to save time. A scene ends early if
-    `is_final` returns True for every output. Parts of a scene can be skipped only if every output overrides
-    the method for them: `over_rest` for rests (full contact of a rigid podium), `over_sample` for samples of
-    the ground motion, `over_bounces` for bounces.
+    and pass it in `Options(outputs=("peak_rotation", PeakBeamSpeed()))`. In this example, the quantity is the
+    horizontal velocity 2R θ̇ cos ψ of the beam relative to the ground, with ψ = σα − θ. The answer is the
+    largest absolute value of the quantity in the scene, and can be differentiated. Override `over_step`,
+    `at_impact`, `update` or `answer` for other forms of answers. Override further methods to save time. A
+    scene ends early if `is_final` returns True for every output. Parts of a scene can be skipped only if
+    every output overrides the method for them: `over_rest` for rests (full contact of a rigid podium),
+    `over_sample` for samples of the ground motion, `over_bounces` for bounces.
 
     - `name`: name in `Options.outputs` and of the answer
     - `unit`, `description`, `symbol`, `axis`, `sensitive`, `estimated`, `until_overturning`: properties of
@@ -171,12 +172,12 @@ class AbstractOutput:
         raise NotImplementedError
 
     def over_sample(self, sample: Sample, accumulator: Any) -> Flag | bool:
-        """Return whether the accumulator stays the same in a sampling interval that is skipped without a
-        trial step (a step that may be rejected)."""
+        """Return whether the accumulator stays the same in a sampling interval. Otherwise the interval is not
+        skipped, but solved by trial steps."""
         raise NotImplementedError
 
     def over_bounces(self, bounces: Bounces, accumulator: Any) -> Flag | bool:
-        """Return whether the accumulator stays the same in bounces that are skipped."""
+        """Return whether the accumulator stays the same in bounces. Otherwise no bounces are skipped."""
         raise NotImplementedError
 
     def is_final(self, bounds: Bounds, accumulator: Any) -> Flag | bool:

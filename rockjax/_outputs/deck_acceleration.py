@@ -23,8 +23,8 @@ class PeakDeckAcceleration(AbstractOutput):
     values just before and just after events, but not the impulses of impacts. A rigid superstructure moves
     with the deck.
 
-    `is_final` uses the bound |ü_g| + 2R(|θ̈| + θ̇²|sin ψ|) (`Bounds.beam`). The energy limits θ̇² and the spring
-    forces, and by Eq. (24) also θ̈.
+    `is_final` uses the bound |ü_g| + 2R(|θ̈| + θ̇²|sin ψ|) of |a_b| (`Bounds.beam`), with ψ = σα − θ. The
+    energy limits θ̇² and the spring forces, and by Eq. (24) also θ̈.
     """
 
     name = "peak_deck_acceleration"
@@ -42,6 +42,7 @@ class PeakDeckAcceleration(AbstractOutput):
         return step.largest(step.course(deck_acceleration), accumulator, END_ZONE_ACCELERATIONS)
 
     def over_rest(self, rest: Rest, accumulator: Value) -> Value:
+        # In full contact the deck moves with the ground.
         return larger(rest.largest_ground_acceleration, accumulator)
 
     def over_sample(self, sample: Sample, accumulator: Value) -> Flag:

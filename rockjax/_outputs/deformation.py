@@ -18,7 +18,8 @@ from .views import Ended, Moment, Start, Step
 
 @dataclasses.dataclass(frozen=True)
 class PeakDeformation(AbstractOutput):
-    """The peak deformation max|u_t − u_b| of the superstructure [m], of each mode if there are several."""
+    """The peak deformation of the superstructure, max|u_t − u_b|, with the displacements u_t of its top mass
+    and u_b of the beam [m]; for several modes, the peak of each modal deformation."""
 
     name = "peak_deformation"
     unit = "m"
@@ -45,7 +46,8 @@ class PeakDeformation(AbstractOutput):
         return jnp.zeros(() if modes is None else modes.omega2.shape, start.t.dtype), None
 
     def over_step(self, step: Step, accumulator: Values) -> Maximum:
-        # Steps end on maxima only if the method has a higher order than the polynomial of a step.
+        # Steps are shortened to end on maxima only if the order of the method exceeds the degree of the
+        # polynomial that interpolates a step.
         return step.largest(
             step.deformations, accumulator, END_ZONE_DEFORMATIONS, shortens_step=step.ends_on_maxima
         )

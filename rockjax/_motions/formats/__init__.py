@@ -1,4 +1,4 @@
-"""File formats of networks and databases, one module each; their list is `FORMATS`.
+"""File formats of networks and databases, one module each; `FORMATS` lists the text formats.
 
 These modules parse the text formats themselves, because existing packages have many dependencies or do not
 report the line of an error. ObsPy reads binary waveforms, such as miniSEED and SAC.
@@ -40,7 +40,7 @@ def parse(path: Path, content: bytes, component: Component) -> Samples:
     - `content`: bytes of the file
     - `component`: number or name of a channel, if the file has several
 
-    Raises `ValueError` that names the file, the cause and, where possible, the line.
+    Raises a `ValueError` that names the file, the cause and, where possible, the line.
     """
     suffix = path.suffix.lower()
     if suffix in waveforms.WAVEFORMS:

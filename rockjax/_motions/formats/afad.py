@@ -63,7 +63,8 @@ def _read_afad(path: Path, lines: list[str], component: Component) -> Samples:
 
 
 def _unit(peaks: str, name: str, values: np.ndarray) -> str | None:
-    """Return "gal" if the peak of a component equals the peak in the header, which is in gal; otherwise None.
+    """Return "gal" if the peak of a component equals the peak in the header, which is in gal, within 1 %;
+    otherwise None.
 
     - `peaks`: text in the header with the peaks of all components
     - `name`: name of the component

@@ -18,7 +18,7 @@ from rockjax._motions.components import is_vertical, points_down
 from rockjax._units import ACCELERATIONS, unit_of
 
 TIME_TOLERANCE = 1e-3  # allowed error of times in a file, divided by the sampling interval
-NUMBER = r"[\d.]+(?:[ED][+-]?\d+)?"
+NUMBER = r"[\d.]+(?:[ED][+-]?\d+)?"  # a number without a sign
 DATE = re.compile(r"(?<!\d)(\d{1,4}[/-]\d{1,2}[/-]\d{1,4})(?!\d)")
 # Fortran omits the E before exponents of three digits, and numbers may touch if they fill their columns. An
 # exponent of three digits is followed by a sign, a blank or the end of the line.
@@ -34,7 +34,7 @@ Component = int | str | None  # number or name of a channel; None selects the on
 
 @dataclasses.dataclass
 class Samples:
-    """Samples of a file."""
+    """Samples of one channel of a file, and what the file states about them."""
 
     values: np.ndarray  # samples in the unit of the file, shape (n,)
     dt: float | None  # sampling interval [s]; None if the file does not state it
@@ -43,7 +43,7 @@ class Samples:
     stated_unit: str | None = None  # unit as written in the file; None if the file states no unit
     dt_statement: str = ""  # for messages: location and value of `dt`, or the reason why it is None
     unit_location: str = ""  # location of the unit in the file; empty for the header
-    raw_location: str = ""  # location of the statement that the samples are raw, such as "line 3"
+    raw_location: str = ""  # location of the statement that the samples are uncorrected, such as "line 3"
 
 
 class Format(NamedTuple):
@@ -92,8 +92,8 @@ def choose_channel(path: Path, channels: Sequence[tuple[int, str]], component: C
 
     - `path`: path of the file, for messages
     - `channels`: (number, name) of each channel of the file
-    - `component`: number of a channel, its name, the first word of its name, or another name of the same
-      direction; None selects the only channel of a file
+    - `component`: number of a channel, its name, the first word of its name, or, for a vertical channel,
+      another name of the same direction; None selects the only channel of a file
 
     Raises `ValueError` unless exactly one channel matches.
     """

@@ -50,7 +50,7 @@ def _read_esm(path: Path, lines: list[str], component: Component) -> Samples:
     dt = parse_interval(path, step_line, step, "SAMPLING_INTERVAL_S")
     stated_unit = header["UNITS"][1]
     facts = {key: value for key, (_, value) in header.items() if value}
-    # `filter_corners` takes a match with both frequencies, so they are joined to one text.
+    # `filter_corners` takes one match with both frequencies, so both are joined into one text.
     metadata: dict[str, Any] = {
         "format": "ESM",
         "event": " ".join(facts.get(key, "") for key in ("EVENT_NAME", "EVENT_ID")).strip(),

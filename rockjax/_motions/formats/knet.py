@@ -19,7 +19,8 @@ from .base import (
 )
 
 _KEY_WIDTH = 18  # number of characters of a key in the header, with blanks
-# Directions in the header of KiK-net ↦ names of components: 1 in the borehole, 2 at the surface.
+# Directions in the header of KiK-net ↦ names of components, which end in 1 in the borehole and in 2 at the
+# surface.
 _KIKNET = dict(zip("123456", ("NS1", "EW1", "UD1", "NS2", "EW2", "UD2"), strict=True))
 
 

@@ -32,7 +32,8 @@ _AT2_UNITS = re.compile(r"UNITS\s+OF\s+(\S+)", re.I)
 
 
 def _count_and_step(line: str) -> tuple[str, str] | None:
-    """Return NPTS and DT in a line; None for a comment, and for a line without NPTS or DT."""
+    """Return NPTS (number of samples) and DT (sampling interval) in a line, as text; None for a comment, and
+    for a line without NPTS or DT."""
     if line.lstrip()[:1] in tuple("#%!"):
         return None
     if plain := _AT2_PLAIN.match(line):
@@ -47,7 +48,7 @@ def _is_peer(path: Path, lines: list[str]) -> bool:
 
 
 def _read_at2(path: Path, lines: list[str]) -> Samples:
-    """Return the samples of a file, whose header ends with the line of NPTS (number of samples) and DT."""
+    """Return the samples of a file. Its header ends with the line that contains NPTS and DT."""
     matches = [
         (k, match) for k, line in enumerate(lines[:_SEARCHED_LINES]) if (match := _count_and_step(line))
     ]

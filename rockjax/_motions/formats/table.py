@@ -201,6 +201,8 @@ def _choose_samples(path: Path, table: _Table, component: Component) -> Samples:
     location = f"{path}:{table.heading_line}" if table.heading_line else f"{path}"
     time_column = next((k for k in columns if kinds[k] == "time"), None)
     candidates = [k for k in columns if kinds[k] in ("acceleration", "counts")]
+    # If no column is an acceleration, the candidates are columns of unknown kind, or a single column that has
+    # the heading of sample numbers.
     candidates = candidates or [
         k for k in columns if not kinds[k] or (kinds[k] == "index" and len(columns) == 1)
     ]
@@ -213,7 +215,7 @@ def _choose_samples(path: Path, table: _Table, component: Component) -> Samples:
             "name it time [s] if it contains times"
         )
     names = [_direction(headings[k].quantity) if headings else f"column {k + 1}" for k in candidates]
-    if headings and isinstance(component, str):  # the full heading is also accepted
+    if headings and isinstance(component, str):  # the heading without its unit is also accepted
         full_names = [headings[k].quantity for k in candidates]
         component = next((n for n, name in enumerate(full_names, 1) if component == name), component)
     n = choose_channel(path, list(enumerate(names, start=1)), component) if len(candidates) > 1 else 0
@@ -245,14 +247,16 @@ def _choose_samples(path: Path, table: _Table, component: Component) -> Samples:
 
 
 def _direction(quantity: str) -> str:
-    """Return the direction in a heading such as Acc N-S, or the full heading."""
+    """Return the direction in a heading such as Acc N-S; if there is none, the heading itself."""
     return re.sub(r"^acc[a-z]*[\s_.:-]+", "", quantity, flags=re.I).strip("() ") or quantity
 
 
 def _guess_kinds(path: Path, rows: np.ndarray, component: Component) -> list[str]:
     """Return the kinds of the columns of a table without headings.
 
-    The first column may be times or sample numbers; all other columns are accelerations.
+    The first of two columns contains sample numbers or times. The first of more columns may also be an
+    acceleration. All other columns are accelerations. Raises `ValueError` for more than two columns if no
+    component is requested.
     """
     count = rows.shape[1]
     if count == 1:
@@ -318,7 +322,7 @@ def _interval(path: Path, table: _Table, factor: float, column: int) -> float | 
     rounding = _last_digit([cells[column] for cells in table.cells], values) if table.cells else 0.0
     digit = max(rounding, _FLOAT32 * float(np.abs(values).max()))
     allowed = max(TIME_TOLERANCE * step, min(digit, _MAX_ROUNDING * step))
-    # Times of a long record may be rounded to more than a step; their mean step is then still accurate.
+    # In a long record, the last digit of the times may exceed a step. The mean step is then still accurate.
     if (
         digit <= _MAX_ROUNDING_LONG * step
         and digit < TIME_TOLERANCE * (values[-1] - values[0])

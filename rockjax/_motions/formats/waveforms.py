@@ -23,7 +23,7 @@ WAVEFORMS = {".mseed": "MSEED", ".miniseed": "MSEED", ".sac": "SAC", ".gse2": "G
 
 
 def read(path: Path, content: bytes, component: Component) -> Samples:
-    """Read the samples of a channel with ObsPy, without a unit.
+    """Read the samples of a channel with ObsPy; their unit is unknown.
 
     - `path`: path of the file, for its suffix and for messages
     - `content`: bytes of the file
@@ -45,7 +45,7 @@ def read(path: Path, content: bytes, component: Component) -> Samples:
             warnings.simplefilter("always")
             traces: list[Any] = list(obspy.read(io.BytesIO(content), format=WAVEFORMS[path.suffix.lower()]))
     except Exception as error:  # plug-ins may raise anything
-        is_unrecognised = "BytesIO" in str(error)  # ObsPy's message then names the stream
+        is_unrecognised = "BytesIO" in str(error)  # ObsPy then quotes the stream in its message
         cause = "it has another format, or is cut short" if is_unrecognised else first_line(error)
         raise ValueError(f"{path}: ObsPy cannot read the file: {cause}") from None
     if not traces:
