@@ -29,8 +29,7 @@ UNSUPPORTED = (
 
 
 class Outputs(NamedTuple):
-    """Paths of the files of a run: PREFIX.nc, PREFIX.png, PREFIX-NAME.png. `format` is the suffix of all
-    pictures."""
+    """Paths of the files of a run: PREFIX.nc, PREFIX.png, PREFIX-NAME.png; `format`: suffix of pictures."""
 
     prefix: Path
     format: str = ".png"

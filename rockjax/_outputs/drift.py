@@ -51,8 +51,12 @@ class PeakDrift(AbstractStoryOutput):
 
 
 def drift_weights(floors: Values) -> Values:
-    """Return the weights Γ_i(φ_ji − φ_{j−1,i}) of each story j and mode i, with φ_0i = 0, from Γ_iφ_ji of
-    each floor j. The drift of story j is the sum over the modes of weight times deformation."""
+    """Return the weights Γ_i(φ_ji − φ_{j−1,i}) of each story j and mode i, with φ_0i = 0, shape (stories,
+    modes). The drift of story j is Σ weight · deformation over the modes, (C11) of docs/modes.md.
+
+    - `floors`: Γ_iφ_ji, where Γ_i is the participation factor and φ_ji the shape of mode i at floor j, shape
+      (stories, modes)
+    """
     return jnp.concatenate([floors[:1], floors[1:] - floors[:-1]])
 
 

@@ -25,8 +25,9 @@ class PeakFloorAcceleration(AbstractStoryOutput):
     """The peak absolute horizontal acceleration of each floor of a building [m/s²]. All floors of a rigid
     building have the acceleration of the beam, whose peak is g times the output `PeakShear`.
 
-    If modes are omitted, the velocity of floor j jumps at an impact by the fraction 1 − ΣΓ_iφ_ji of the
-    velocity jump of the deck, (L2), (L3). This output ignores these velocity jumps.
+    If modes are omitted, the velocity of floor j jumps at an impact. The jump is the fraction 1 − Σ_i W_i of
+    the velocity jump of the deck (the beam), with the weights W_i = Γ_iφ_ji of the included modes, (L2),
+    (L3). This output ignores these velocity jumps.
     """
 
     name = "peak_floor_acceleration"

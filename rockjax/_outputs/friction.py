@@ -31,8 +31,9 @@ Forces = tuple[Force, Force]
 
 
 def _interior_maximum(tangential: Quartic, axial: Quartic, reference: Force) -> tuple[Value, Flag]:
-    """Return the position z of the interior maximum of T·N_0 − T_0·N, and whether there is one. (T_0, N_0) is
-    the force `reference`. Where the difference is positive, (T, N) is steeper than (T_0, N_0)."""
+    """Return the position z of the maximum of T·N_0 − T_0·N inside a step, 0 < z < 1, and whether there is
+    one. (T_0, N_0) is the force `reference`. Where the difference is positive, (T, N) is steeper than
+    (T_0, N_0)."""
     difference = Quartic(
         *[reference.axial * t - reference.size * n for t, n in zip(tangential, axial, strict=True)]
     )
@@ -48,16 +49,16 @@ def _interior_maximum(tangential: Quartic, axial: Quartic, reference: Force) -> 
 
 @jax.jit
 def steepest(tangential: Course, axial: Course, span: Span, accumulator: Force) -> tuple[Force, Value]:
-    """Return the steepest force in a step, which has the largest angle from the vertical, and the
-    `retry_fraction` of a `Maximum`.
+    """Return the steepest force in a step, and the `retry_fraction` of a `Maximum`.
 
     - `tangential`, `axial`: T and N over the step
     - `span`: times of the step
     - `accumulator`: steepest force so far
 
-    Let (T_0, N_0) be the steepest of the `accumulator` and the forces at both ends. If a force inside the
-    step is steeper, T·N_0 − T_0·N is positive there, and the force at its maximum is taken. The next trial
-    ends at this maximum. From trial to trial, the maximum converges quadratically to the steepest force
+    Let (T_0, N_0) be the steepest of the `accumulator`, with |T| reduced by 1 %, and the forces at both ends.
+    If a force inside the step is steeper, T·N_0 − T_0·N is positive there. The function then returns the
+    force at the maximum of T·N_0 − T_0·N, and the next trial ends at this maximum unless it is close to an
+    end of the step. From trial to trial, the maximum converges quadratically to the steepest force
     (Dinkelbach's method).
     """
     constant, h = jax.lax.stop_gradient, span.h
@@ -84,8 +85,8 @@ def steepest(tangential: Course, axial: Course, span: Span, accumulator: Force) 
     ends = barrier([end(0), end(1)])
     forces = [Force(jnp.abs(t), n) for t, n in ends]
     largest_end = forces[1].steeper(forces[0])
-    # Sign of T at the maximum: if the angle has an extremum in the step, the sign of its rate at the start;
-    # otherwise the sign of T at the steeper end.
+    # Sign of T at the maximum: if the angle atan2(T, N) has an extremum in the step, the sign of the rate of
+    # the angle at the start; otherwise the sign of T at the steeper end.
     rises = [
         constant(n_value * t_rate - t_value * n_rate)
         for (t_value, t_rate), (n_value, n_rate) in zip(tangential[1:], axial[1:], strict=True)
@@ -100,7 +101,8 @@ def steepest(tangential: Course, axial: Course, span: Span, accumulator: Force) 
         return Force(*[path.value(z) for path in paths])
 
     z, exists = barrier(_interior_maximum(*fixed, reference))
-    # If T changes its sign, the force found may have the other sign, and a smaller angle than expected.
+    # If T changes its sign in the step, T at z may have the sign opposite to `side`. The angle from the
+    # vertical is then smaller than expected, so it is compared once more.
     found = force_at(z, paths)
     found = found._replace(size=jnp.abs(found.size))
     left, right = found.size * reference.axial, reference.size * found.axial
@@ -113,11 +115,11 @@ def steepest(tangential: Course, axial: Course, span: Span, accumulator: Force) 
 
 @dataclasses.dataclass(frozen=True)
 class PeakFriction(AbstractJointOutput):
-    """The largest friction demand max|T|/N at the bottom and the top joint, over time and over all columns,
-    (F9), (F11).
+    """The largest friction demand max(|T|/N) at the bottom and the top joint, over time and over all columns,
+    (F9), (F11); inf if a joint is in tension.
 
-    The accumulator (the value so far) is the force with the largest angle from the vertical. Unlike |T|/N,
-    the angle is smooth at N = 0.
+    The accumulator (the value so far) is the steepest force at each joint. Unlike |T|/N, the angle from the
+    vertical is smooth at N = 0.
     """
 
     name = "peak_friction"
@@ -146,7 +148,8 @@ class PeakFriction(AbstractJointOutput):
         return Maximum(tuple(values), fraction)
 
     def over_rest(self, rest: Rest, accumulator: Forces) -> Forces:
-        # Without restrainers |T|/N = |ü_g|/g in full contact, and N is linear in ü_g.
+        # Without restrainers, |T|/N = |ü_g|/g in full contact if N > 0, and N is linear in ü_g. The steepest
+        # force is therefore that at the least or the largest ü_g.
         for forces in over_rest(rest):
             worst = []
             for force, *joint in zip(accumulator, forces.tangential, forces.axial, strict=True):
@@ -178,9 +181,10 @@ class PeakFriction(AbstractJointOutput):
 
 @dataclasses.dataclass(frozen=True)
 class FrictionUse(AbstractJointOutput):
-    """The largest use of friction 1 − (μN − |T|)/(μN_0) at a joint [–]. N_0 is the dead load, averaged over
-    the columns. At a use above 1, the joint would slide. The answer is 0 at a joint without dead load. Design
-    targets use this output because it is smooth where a joint would open, unlike |T|/N.
+    """The largest use of friction 1 − (μN − |T|)/(μN_0) at the bottom and the top joint, over time and over
+    all columns [–]. N_0 is the axial force of the mean column under dead load. At a use above 1, the joint
+    would slide. The answer is 0 at a joint without dead load. Design targets use this output instead of
+    |T|/N, because it is smooth where a joint would open.
 
     The accumulator contains the largest |T| − μN of each joint [m/s²].
 

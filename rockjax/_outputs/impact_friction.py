@@ -1,7 +1,7 @@
 """Friction demand and lift-off of the joints at impacts.
 
-J_T and J_N are the horizontal and the vertical (axial) impulse in a joint. (F12) is in docs/forces.md, (F14)
-in docs/equations.md.
+J_T and J_N are the horizontal and the vertical (axial) impulse in a joint, and |θ̇⁻| is the angular speed of
+the columns just before the impact. (F12) is in docs/forces.md, (F14) in docs/equations.md.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ ROUNDING = 1e-12  # relative differences below this are rounding
 
 
 def _impulse_gradient(c: Coefficients, sway: Value | float) -> Value:
-    """Return the difference between the axial impulses of two columns at an impact from σ = 1, divided by
-    m_c, by the distance between the columns and by |θ̇⁻|, (F14) [–].
+    """Return the difference between the axial impulses of two columns, divided by m_c, by |θ̇⁻| and by the
+    distance between the columns, (F14) [–]. Before the impact the contact mode is σ = 1.
 
-    - `sway`: Σ η_id_i over the modes with the deformations d_i [m]
+    - `sway`: Σ η_id_i over the modes i, with their mass ratios η_i and deformations d_i [m]
     """
     joints = not_none(c.joints)
     arms, mean = not_none(joints.arms), joints.impulses
@@ -46,10 +46,11 @@ class ImpactFriction(AbstractJointOutput, AbstractEventOutput):
     """The largest friction demand max(|J_T|/J_N) at impacts, and the least J_N of a column divided by the
     mean J_N of all columns, at the bottom and the top joint, over all impacts and all columns, (F12), (F14).
 
-    Divided by |θ̇⁻|, the axial impulse of a column at x_i differs from the mean by x_i times
-    `_impulse_gradient`; at impacts from σ = −1 the difference has the opposite sign. All answers are monotone
-    in this difference. The accumulator (the value up to the present time) contains the largest gradient and
-    the largest negative of the gradient; both are −inf before the first impact.
+    Let x_i be the position of a column relative to the mean of all columns. At an impact from σ = 1, its
+    axial impulse divided by m_c |θ̇⁻| differs from the mean by x_i times the gradient `_impulse_gradient`. An
+    impact from σ = −1 is the mirror image: the sway and the gradient change their signs. All answers are
+    monotone in the gradient. The accumulator (the value up to the present time) contains the largest gradient
+    and the largest negative of the gradient; both are −inf before the first impact.
     """
 
     name = "impact_friction"

@@ -18,8 +18,8 @@ from .views import Ended, Start, StepEnd
 
 @dataclasses.dataclass(frozen=True)
 class Impacts(AbstractInternalOutput):
-    """The output "impacts": a scene continues, and counts impacts, until the columns rest for good or
-    overturn, or until the end time. Without this output, a scene ends as soon as all other outputs are
+    """The output "impacts", which makes a scene continue, and count impacts, until the columns rest for good
+    or overturn, or until the end time. Without this output, a scene ends as soon as all other outputs are
     final."""
 
     name = "impacts"
@@ -31,8 +31,8 @@ class Impacts(AbstractInternalOutput):
 
 
 class Energetic(NamedTuple):
-    """Weighted sum over impacts. With y = |θ̇⁻|/(pα), an impact contributes y⁸ for y ≤ 1 and 1 + 8(y − 1) for
-    y > 1. Slow impacts thus contribute very little."""
+    """Weighted sum over impacts. With y = |θ̇⁻|/(pα), the dimensionless angular speed before an impact, the
+    impact contributes y⁸ for y ≤ 1 and 1 + 8(y − 1) for y > 1. Slow impacts contribute very little."""
 
     total: Value  # sum over all impacts up to the present time
     last: Value  # contribution of the last impact; 0 before the first
@@ -40,8 +40,8 @@ class Energetic(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class EnergeticImpacts(AbstractInternalOutput):
-    """The output "errors": a weighted sum over impacts. Two solutions of a chaotic scene have different sums.
-    By this difference the estimate of errors recognises chaotic scenes."""
+    """The output "errors": the weighted sum `Energetic` over impacts. Two solutions of a chaotic scene with
+    different tolerances have different sums, by which the estimate of errors recognises such scenes."""
 
     name = "errors"
     needs_flat = True
@@ -66,7 +66,8 @@ class EnergeticImpacts(AbstractInternalOutput):
         return True
 
     def answer(self, ended: Ended, accumulator: None, note: Energetic) -> dict[str, Any]:
-        # `fall` is θ̇² at the overturning angle. It is proportional to the excess energy there.
+        # `fall` is θ̇² at the overturning angle, a measure of the energy left there. `fall_time` is the
+        # dimensionless time of overturning.
         overturned = ended.code == results.OVERTURNED
         return {
             "energetic": note.total,

@@ -25,8 +25,8 @@ class _Counts(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class ImpactsBeforePeak(AbstractEventOutput):
-    """The number of impacts before the peak rotation. Derivatives of the peak rotation are valid for this
-    number of impacts."""
+    """The number of impacts before the peak rotation. Derivatives of the peak rotation are valid as long as
+    this number stays the same."""
 
     name = "impacts_before_peak"
     description = "number of impacts before the peak rotation"

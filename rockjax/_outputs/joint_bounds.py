@@ -1,9 +1,9 @@
 """Bounds on forces in the joints, from bounds on the remaining motion of a scene.
 
-T and N are the horizontal and the vertical force in a joint. Forces are per column and divided by m_c [m/s²],
-as in `joint_forces`. While the columns rock, the bounds are written for σ = 1; rocking with σ = −1 is the
-mirror image. Equations without a letter are those of docs/model.md; (F…) are in docs/forces.md and
-docs/equations.md.
+T and N are the horizontal and the vertical force in a joint, and V is the horizontal force on the foundation.
+Forces are per column and divided by m_c [m/s²], as in `joint_forces`. While the columns rock, the bounds are
+written for the contact mode σ = 1; rocking with σ = −1 is the mirror image. Equations without a letter are
+those of docs/model.md; (F…) are in docs/forces.md and docs/equations.md.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def _sum(*terms: tuple[Value | float, tuple[Value | float, Value | float]]) -> S
 
 
 class Devices(NamedTuple):
-    """Bounds on the sum of some restrainers' forces [m/s²]."""
+    """Bounds on the sum of the forces of those restrainers that span the same joints [m/s²]."""
 
     least: Value
     least_vertical: Value  # lower bound of the vertical component, which is the force times cos(θ/2)
@@ -52,7 +52,7 @@ class Rotation(NamedTuple):
     `speed_squared` and `flexibility` are zero.
 
     - `angle`: bound on |θ| [rad]
-    - `sin`, `cos`: bounds on sin ψ and cos ψ
+    - `sin`, `cos`: bounds on sin ψ and cos ψ, with ψ = α − θ
     - `speed_squared`: bound on θ̇² [1/s²]
     - `flexibility`: bounds on the reciprocal of the factor of θ̈ in Eq. (24) [–]
     - `resisting`: bound on the moment of the restrainers on the right side of Eq. (24) [1/s²]
@@ -70,15 +70,15 @@ class JointBounds:
     """Bounds on joint forces, from bounds on the motion.
 
     A force is a sum of terms with θ̈, θ̇², the ground acceleration, the spring forces F_i and the deformations
-    d_i of the modes. θ̈ follows from Eq. (24), so it depends on the same springs that load the joints. One
-    bound limits the energy of rotation and vibration together.
+    d_i of the modes. θ̈ follows from Eq. (24), which also contains the F_i, so the terms with F_i are
+    collected before they are bounded. One bound limits the sum of the energies of rotation and vibration.
 
     - `c`: constants of the podium
     - `ground`, `vertical`: bounds on |ü_g| and |v̈_g| [m/s²]
-    - `eccentricity`: bound on |χ|, the distance of the resultants from the centre line of a column divided by
-      half its width; 1 while the columns rock [–]
+    - `eccentricity`: bound on |χ|, the distance of the joint forces from the centre line of a column divided
+      by half its width; 1 while the columns rock [–]
     - `rotation`: bounds on the rotation
-    - `bounds`: bounds on the motion, for the modes; None for a rigid podium
+    - `bounds`: bounds on the motion, from which those on the modes follow; None for a rigid podium
     """
 
     def __init__(
@@ -96,7 +96,8 @@ class JointBounds:
         # Sine and cosine of the largest |ψ|, which exceeds α only if there are restrainers.
         self.sin = c.sin_alpha if c.restraint is None else jnp.maximum(-rotation.sin[0], rotation.sin[1])
         self.cos = rotation.cos[0]
-        # Bounds on θ̈, which is zero in full contact, and on v̈_b of the beam, Eq. (15).
+        # Bounds on θ̈, which is zero in full contact, and on the vertical acceleration v̈_b of the beam, Eq.
+        # (15).
         turning = self._turning_for(rotation)
         self._turning = turning = jnp.minimum(turning[0], 0.0), jnp.maximum(turning[1], 0.0)
         drop = rotation.speed_squared * rotation.cos[1]
@@ -113,7 +114,7 @@ class JointBounds:
     def _compute(cls, bounds: Bounds) -> Self:
         c, zero, one = bounds.c, jnp.zeros_like(bounds.c.alpha), jnp.ones_like(bounds.c.alpha)
         speed_squared = 2 * bounds.energy / c.spin
-        # The potential energy, Eq. (19), increases with cos ψ.
+        # The potential energy, Eq. (19), increases with cos ψ, so the energy bounds cos ψ.
         largest_cos = jnp.minimum(c.cos_alpha + bounds.energy / c.weight, 1.0)
         sin, cos = (jnp.sqrt(1 - largest_cos**2), c.sin_alpha), (c.cos_alpha, largest_cos)
         added = resisting = 0.0
@@ -215,8 +216,9 @@ class JointBounds:
         - `rotation`: bounds on the rotation
         - `modal`, `sway`: w_i and k; `turned`: bounds on u; `rates`: both values of r
 
-        The energy limits the sum of m² = Σ η_i(u̇_i² + ω_i²d_i²) and y² = `spin`·θ̇²: m² + y² ≤ 2E = ρ². With
-        y = sρ, the bound P m + Q y + (r/`spin`) y² is at most Pρ + Qρ s + (rρ²/`spin` − ½Pρ) s².
+        The bound has the form P m + Q y + (r/`spin`) y², with m² = Σ η_i(u̇_i² + ω_i²d_i²) and y² = `spin`·θ̇².
+        `by_modes` is Pρ, and `by_beam` is Qρ. The energy E limits m² + y² ≤ 2E = ρ². With y = sρ, 0 ≤ s ≤ 1,
+        the bound is at most Pρ + Qρ s + (rρ²/`spin` − ½Pρ) s².
         """
         c, bounds = self.c, not_none(self.bounds)
         modes: Vibration = not_none(c.vibration)
@@ -273,9 +275,9 @@ class JointBounds:
 
     @functools.cached_property
     def _top(self) -> Span:
-        """Lower and upper bounds on N at the top joint of all columns [m/s²]. By (F8) the extremes
-        are N_t (1 ± χB/ℓ_p) ± M/ℓ_p at the end columns. B is half the width of a column, ℓ_p the core
-        distance."""
+        """Lower and upper bounds on N at the top joint of all columns [m/s²]. By (F8) the extremes are
+        N_t (1 ± χB/ℓ_p) ± M/ℓ_p at the end columns. N_t is the mean of N, M the overturning moment, B half
+        the width of a column and ℓ_p the core distance."""
         c, arms, devices, rotation = self.c, self.joints.arms, self._over_both, self.rotation
         mass, spans = self.joints.gamma + c.eta, []
         for side in (0.0,) if arms is None else (-1.0, 1.0):
@@ -313,7 +315,8 @@ class JointBounds:
 
     @functools.cached_property
     def foundation_shear(self) -> Value:
-        """Bound on |V| [m/s²], (F5). In full contact, V = ½[ü_g − ξ tan α (N_b + N_t)] by (F10)."""
+        """Bound on |V| [m/s²], (F5). In full contact, V = ½[ü_g − ξ tan α (N_b + N_t)] by (F10), with the
+        eccentricity ξ (χ in full contact) and N at the bottom and the top joint of the mean column."""
         c, rotation = self.c, self.rotation
         swaying = c.two_R * (0.5 + self.joints.gamma)
         turning = _sum((swaying, rotation.cos))
@@ -344,7 +347,8 @@ class JointBounds:
         arm = 0.5 * c.two_R * (1 + lam if joint else 1 - lam)
         # The largest demand is at ψ = α if N is at least half the weight of the column.
         is_heavy = least > 0.5 * heaviest
-        # Bounds on ±X where it increases |T|/N beyond tan ψ (`along`), and where it reverses T (`opposite`).
+        # `along` bounds X with the sign that increases |T|/N beyond tan ψ, −X at the bottom joint and X at
+        # the top joint. `opposite` bounds X with the other sign, which may reverse T.
         if c.restraint is not None:
             fastest = jnp.maximum(-self._turning[0], self._turning[1])
             forces = [
@@ -398,8 +402,8 @@ class JointBounds:
 
     @functools.cached_property
     def _contact_eccentricity(self) -> Value:
-        """Bound on |ξ| in full contact, (F10). At ψ = α and θ̇ = 0, Eq. (24) gives 1 − ξ times the θ̈ that the
-        weights alone cause."""
+        """Bound on |ξ| in full contact, (F10). Eq. (24), evaluated at ψ = α and θ̇ = 0, gives 1 − ξ times the
+        θ̈ that the weights alone would cause."""
         c = self.c
         if c.restraint is not None:
             return self.eccentricity

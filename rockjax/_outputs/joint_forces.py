@@ -2,8 +2,9 @@
 and docs/forces.md.
 
 A force (T, N) acts at a joint on the body above the joint: T horizontally in the direction of motion, N
-upwards, so that N > 0 is compression. Forces are per column and divided by m_c [m/s²]. They follow from the
-motion and do not affect it. The forces of the mean column are the means of the forces of all columns.
+upwards, so that N > 0 is compression. Forces are per column and divided by m_c [m/s²]. The forces follow from
+the motion and do not affect it. The forces of the mean column are the means of the forces of all columns. In
+the mass N m_c of all columns, N is the number of columns.
 """
 
 from __future__ import annotations
@@ -35,8 +36,8 @@ class MeanForces(NamedTuple):
 
     - `bottom`, `top`: (T, N) at the joints, (F3)
     - `foundation`: (V, W), horizontal and vertical force on the foundation, (F5)
-    - `eccentricity`: position of the resultants divided by half the width of a column: ξ in full contact,
-      (F10), and σ while rocking
+    - `eccentricity`: position of the joint forces relative to the centre line of a column, divided by half
+      its width: ξ in full contact, (F10), and σ while rocking
     - `lean`: −ΔT_i/ΔN_i, where ΔT_i and ΔN_i are the forces of any column i minus those of the mean column.
       It is ξ tan α in full contact, (F11), and tan ψ while rocking, (F9)
     - `moment`: overturning moment on the columns divided by N m_c, clockwise, (F6) [m²/s²]; None without an
@@ -145,7 +146,7 @@ def transfer(c: Coefficients, moment: Value, eccentricity: Value, axial: Value, 
     """Return the axial forces of columns minus the axial force of the mean column, (F8) [m/s²].
 
     - `moment`: overturning moment M divided by N m_c [m²/s²]
-    - `eccentricity`: χ, the position of the resultants divided by half the width of a column [–]
+    - `eccentricity`: χ, as in `MeanForces` [–]
     - `axial`: N_t of the mean column [m/s²]
     - `offsets`: positions of the columns from their mean [m]
     """

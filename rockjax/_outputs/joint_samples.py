@@ -30,7 +30,7 @@ class SampleForces(NamedTuple):
 
     @classmethod
     def from_sample(cls, sample: Sample) -> SampleForces:
-        """Return the forces in a sampling interval. Every output calls this function; the compiler removes
+        """Return the forces in a sampling interval. Each output calls this function, and the compiler removes
         the repeated operations."""
         sample = jax.lax.stop_gradient(sample)
         c, sigma, zero = sample.c, sample.sigma, jnp.zeros_like(sample.h)
@@ -72,7 +72,8 @@ class SampleForces(NamedTuple):
         return cls(start, end, curvature)
 
     def axial_within(self, joint: int, least: Value, most: Value) -> Flag:
-        """Return whether N stays between `least` and `most` [m/s²] at the bottom (0) or the top joint (1)."""
+        """Return whether N certainly stays between `least` and `most` [m/s²] at the bottom (0) or the top
+        joint (1)."""
         rows = zip(*(forces.axial[joint] for forces in self), strict=True)
         return all_of(
             exceeds_nowhere(side * start, side * end, curvature, side * limit)
@@ -81,8 +82,9 @@ class SampleForces(NamedTuple):
         )
 
     def stays_below(self, joint: int, steepest: Force) -> Flag:
-        """Return whether no force at the bottom (0) or the top joint (1) has a larger friction demand |T|/N
-        than the force `steepest`. The result is also True if `steepest` is not in compression."""
+        """Return whether certainly no force at the bottom (0) or the top joint (1) has a larger friction
+        demand |T|/N than the force `steepest`. The result is also True if `steepest` is not in compression,
+        because its demand is then inf."""
         size, axial = steepest
         rows = zip(
             *(y for forces in self for y in (forces.tangential[joint], forces.axial[joint])), strict=True

@@ -2,7 +2,7 @@
 
 T is the horizontal and N the vertical force in a joint, compression positive. Forces are per column and
 divided by m_c [m/s²], as in `joint_forces`. The end columns are the first and the last. Forces and friction
-demands vary monotonically from column to column, so their extremes are always at one of these two.
+demands vary monotonically from column to column, so their extremes are always at an end column.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ from .views import Bounces, Course, Ended, Moment, Rest, Step
 
 
 class Force(NamedTuple):
-    """Size |T| and axial part N of a force in a joint or of an impulse. As an accumulator: those of the worst
-    force or impulse of the scene so far."""
+    """Size |T| and axial part N of a force in a joint, or of an impulse. An accumulator is the steepest force
+    or impulse of the scene so far."""
 
     size: Values
     axial: Values
 
     def is_steeper(self, other: Force) -> Flags:
-        """Return whether the angle from the vertical, atan2(|T|, N), is larger than that of another force.
-        Unlike the ratio |T|/N, the angle still increases where N decreases through 0. A force of zero is not
-        steeper than any other."""
+        """Return whether the angle from the vertical, atan2(|T|, N), is larger than that of another force. As
+        N decreases through 0, the angle continues to increase, unlike the ratio |T|/N. A force of zero is not
+        steeper than any other force."""
         return self.size * other.axial > other.size * self.axial
 
     def steeper(self, other: Force) -> Force:
@@ -50,7 +50,7 @@ class Force(NamedTuple):
 
     @property
     def demand(self) -> Values:
-        """The friction demand |T|/N: inf in tension, 0 for no force, NaN for NaN."""
+        """The friction demand |T|/N; inf for N ≤ 0, except 0 for T = N = 0; NaN if T or N is NaN."""
         is_closed, is_zero = self.axial > 0, (self.size == 0) & (self.axial == 0)
         ratio = self.size / jnp.where(is_closed, self.axial, 1.0)
         is_open = ~is_closed & ~jnp.isnan(self.size + self.axial)
@@ -70,7 +70,8 @@ T = TypeVar("T")
 class EndForces(NamedTuple, Generic[T]):
     """Forces of the end columns; without an elevation, the means of all columns [m/s²].
 
-    - `tangential`, `axial`: T and N, for each joint a tuple over the end columns, or with the mean alone
+    - `tangential`, `axial`: T and N. Each has a tuple for the bottom and for the top joint, which contains
+      the values of the end columns, or only the mean
     - `foundation`: the horizontal force V on the foundation, mean of the columns
     """
 
@@ -105,7 +106,8 @@ def over_rest(rest: Rest) -> list[EndForces[Value]]:
     contact. The extremes of N and of the horizontal force V on the foundation are among them, because N and V
     are linear in ü_g."""
     c = rest.scene.c
-    # `needs_simple_contact`: with vertical ground motion no rest is skipped, so this function is not called.
+    # Because of `needs_simple_contact`, no rest is skipped under vertical ground motion or with restrainers,
+    # and this function is not called.
     assert not isinstance(rest.scene.excitation, GroundMotion)
     zero = jnp.zeros_like(c.alpha)
     return [
@@ -121,8 +123,8 @@ def all_of(flags: Iterable[Flag]) -> Flag:
 
 @dataclasses.dataclass(frozen=True)
 class AbstractForceOutput(AbstractOutput):
-    """An output that needs joint forces. If it is not requested, the answers of a scene do not contain it,
-    whereas most other outputs are NaN there."""
+    """An output that needs joint forces. If it is not requested, its answers are missing from those of a
+    scene, whereas the answers of most other outputs are NaN."""
 
     needs_flat = True
     of_joints = True

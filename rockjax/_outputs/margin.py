@@ -54,8 +54,8 @@ class Margin(AbstractEventOutput):
         return jnp.where(end.toppled, margin_at_fall(scene.c, scene.overturn_angle, v[0]), least), note
 
     def over_bounces(self, bounces: Bounces, accumulator: Value) -> Flag:
-        # The right side is a lower bound on the margins of all bounces, because gravity alone stops the
-        # columns.
+        # The right side is G of `turning_points.py` for a bound on |θ| during the bounces. G decreases with
+        # |θ|, and the margin of a turning point is at least G.
         return accumulator <= margin_at_rest(bounces.c, bounces.overturn_angle, bounces.height)
 
     def is_final(self, bounds: Bounds, accumulator: Value) -> Flag | bool:

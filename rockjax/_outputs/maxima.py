@@ -16,7 +16,8 @@ from rockjax._programs.barrier import barrier
 from rockjax._types import Flag, Flags, Value, Values
 
 # A step is shortened to end on an extremum that may exceed the maximum so far, unless the extremum is in an
-# *end zone*, so close to an end of the step that the polynomial is as accurate as the step itself.
+# *end zone*: this part of a step is so close to one of its ends that the polynomial is as accurate there as
+# the step itself.
 NEAR_MAXIMUM = 1e-2  # it may exceed the maximum so far if it is above (1 − NEAR_MAXIMUM) times this maximum
 END_ZONE = 0.02  # end zone for turning points of θ, as a fraction of the step
 # End zones for other quantities. They are smaller, because higher derivatives of a vibrating superstructure
@@ -26,7 +27,7 @@ END_ZONE_DEFORMATIONS = 2e-3
 END_ZONE_ACCELERATIONS = 1e-6
 ROUNDING = 64  # relative differences below this multiple of the machine epsilon are rounding
 ROUNDING_ANGLE = 4  # the same for θ, which has smaller rounding errors because the solver integrates it
-CLOSE = 1024  # relative differences of an extremum from an end below this multiple are treated as rounding
+CLOSE = 1024  # the same for the difference between an extremum and the value at an end of the step
 
 
 class Cubic(NamedTuple):
@@ -51,8 +52,8 @@ class Cubic(NamedTuple):
         return z * (self.c0 + z * (self.c1 / 2 + z * (self.c2 / 3 + z * (self.c3 / 4))))
 
     def turning_point_or_dip(self, turned: Flags, rising: Flags) -> tuple[Values, Flags]:
-        """Do the same as `hermite.turning_point_or_dip`, with the roots of the slope a + b z + c z² in closed
-        form."""
+        """Apply `hermite.turning_point_or_dip` to this polynomial. The roots of its slope a + b z + c z² have
+        a closed form."""
         sign = jnp.where(rising, 1.0, -1.0)
         a, b, c = (sign * y for y in derivative(self))
         is_increasing = b > 0  # the slope increases at z = 0, and decreases to zero later
@@ -97,7 +98,8 @@ class Quartic(NamedTuple):
         return z
 
     def turning_point_or_dip(self, turned: Flags, rising: Flags) -> tuple[Values, Flags]:
-        """Do the same as `hermite.turning_point_or_dip`. A dip is that of the cubic."""
+        """Apply `hermite.turning_point_or_dip` to this polynomial. The dip is that of the cubic with the same
+        values and slopes at both ends."""
         z, dips = self.cubic.turning_point_or_dip(turned, rising)
         return self.extremum_near(z, turned), dips
 
@@ -123,7 +125,7 @@ class Maximum(NamedTuple):
     """The largest value of a quantity, or of a row of quantities, over a step."""
 
     value: Any  # an array or a tuple, like the accumulator
-    retry_fraction: Values  # position z of the maximum if the next trial must end there; else inf
+    retry_fraction: Values  # position z at which the next trial must end; inf if the step needs no new trial
 
 
 class End(NamedTuple):
@@ -131,7 +133,7 @@ class End(NamedTuple):
 
     value: Values
     rate: Values
-    past: Value  # time from this end to the event or breakpoint there, not held constant [s]
+    past: Value  # time from this end to the event or breakpoint there, not constant under differentiation [s]
 
 
 def larger(new: Values, accumulator: Values) -> Values:
@@ -160,14 +162,16 @@ def largest(
     - `accumulator`: largest value so far
     - `ends`: f at both ends
     - `end_zone`: fraction of the step at both ends where an extremum needs no shorter step
-    - `shortens_step`: whether steps are shortened at all
+    - `shortens_step`: whether the next trial ends on a maximum that may exceed the accumulator
     - `sizes`: "absolute" for max|f|, "signed" for max f, "both" for a pair of max(−f) and max f;
       `accumulator` has the same form
     - `of_joints`: whether f is a force in a joint
 
-    If f turns twice in the step, and one of these extrema may exceed the accumulator, the next trial ends
-    between them. For forces in the joints, an extremum must also exceed the values at both ends, because the
-    cubic of a force that grows by orders of magnitude in a step has a dip that the force does not have.
+    If f turns twice in the step, and one of these extrema or the value at an end may exceed the accumulator,
+    the next trial ends between the extrema, whatever `shortens_step` is. For forces in the joints, a value at
+    an end does not suffice: the extremum must also exceed 99 % of the larger of the values at both ends. The
+    reason is that the cubic of a force that grows by orders of magnitude in a step has a dip that the force
+    does not have.
     """
     rates = [end.rate for end in ends]
     turned = rates[0] * rates[1] < 0

@@ -57,7 +57,7 @@ class PeakRotation(AbstractEventOutput):
     def update(self, end: StepEnd, accumulator: Value, note: Value, largest: Any) -> tuple[Value, Value]:
         del largest
         highest, time = barrier(highest_angle(end))
-        if not self.requested:  # derivatives of the rotation are not used
+        if not self.requested:  # then no derivatives of the rotation are needed
             highest, time = jax.lax.stop_gradient((highest, time))
         raises = barrier(end.accepted & (end.step.sigma != 0) & (highest > accumulator))
         return jnp.where(raises, highest, accumulator), jnp.where(raises, time, note)
@@ -89,8 +89,8 @@ def highest_angle(end: StepEnd) -> tuple[Value, Value]:
     end_angle = jnp.where(end.hit, 0.0, jnp.where(end.toppled, step.scene.overturn_angle, at_stop))
     peak, end_angle = barrier((guard.path.value(guard.turn), end_angle))
     at_turn = step.has_peak & (peak >= end_angle)
-    # If |θ| is largest at the end of a step that ends neither on an event nor at the end of the scene, this
-    # end is a turning point up to rounding, or |θ| rises further in the next step.
+    # |θ| may be largest at the end of a step that ends neither on an event nor at the end of the scene. This
+    # end is then a turning point up to rounding, or |θ| rises further in the next step.
     at_event = (end.lands | step.trial.ends_scene) & ~at_turn
     turn = jnp.where(at_turn, guard.turn, 1.0)
     time = jnp.where(at_event, end.now, step.state.t + step.time_to_turn(turn))

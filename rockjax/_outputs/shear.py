@@ -22,7 +22,8 @@ from .views import Bounces, Ended, Moment, Rest, Sample, Start, Step
 
 @dataclasses.dataclass(frozen=True)
 class PeakShear(AbstractOutput):
-    """The peak shear of the superstructure divided by its weight, max|V_s|/(m_t g), Eq. (7) [–].
+    """The peak shear V_s at the base of the superstructure divided by its weight, max|V_s|/(m_t g), Eq. (7)
+    [–].
 
     Mass that belongs to no mode moves with the deck (the beam). The impulses that act on this mass at impacts
     are ignored.
@@ -80,9 +81,9 @@ class PeakShear(AbstractOutput):
 
 
 def stays_below(sample: Sample, accumulator: Value) -> Flag:
-    """Return whether the shear |a_b|/g of a rigid superstructure stays at or below the accumulator (the
-    largest shear up to now) during a sampling interval of length h. The absolute acceleration of the beam is
-    a_b = ü_g + ü_b, Eq. (14).
+    """Return whether the shear of a rigid superstructure certainly stays at or below the accumulator (the
+    largest shear so far) during a sampling interval of length h. The shear is |a_b|/g, where a_b = ü_g + ü_b,
+    Eq. (14), is the absolute acceleration of the beam.
 
     If |d²a_b/dt²| ≤ Cg, the shear at the fraction z ∈ [0, 1] of the interval exceeds the linear interpolation
     between both ends by at most C z(1 − z) h²/2.
@@ -129,8 +130,9 @@ def beam_curvatures(sample: Sample) -> BeamCurvatures:
     first, second = h * (speed + h * acceleration), h * h * acceleration
     third = h * h * jnp.abs(accelerations[1] - accelerations[0])
     ground = jnp.maximum(*map(jnp.abs, grounds))
-    # By Eq. (24), `by_angle` bounds |θ⁗|h⁴ under a constant ü_g, and `by_ground` the effect of its rate.
-    # `even` and `odd` bound products of an even and an odd number of lower derivatives of θ in d²ü_b/dt².
+    # By Eq. (24), `by_angle` bounds |θ⁗|h⁴ under a constant ü_g, and `by_ground` the effect of the rate of
+    # ü_g. `even` and `odd` bound products of an even and an odd number of lower derivatives of θ in
+    # d²ü_b/dt².
     by_angle = h * h * (c.gravity + c.ground * ground) / c.inertia * (second + first * first)
     by_ground = 2 * h * h * c.ground / c.inertia * jnp.abs(grounds[1] - grounds[0]) * first
     even, odd = 4 * first * third + 3 * second * second + first**4, 6 * first * first * second
@@ -153,6 +155,6 @@ def beam_bound(bounces: Bounces) -> Value:
         + jnp.abs(1 - sway_per_moment * c.ground * c.cos_alpha) * ground
     )
     # With ψ = α − |θ|, a rotation θ changes the horizontal acceleration 2Rθ̈ cos ψ by less than
-    # 2R(p² + |θ̈|)|θ|.
+    # 2R(p² + |θ̈|)|θ|, where p is the frequency parameter.
     by_angle = 2 * beam_per_moment * (c.gravity + c.ground * ground) * bounces.height
     return at_uplift + by_angle + c.two_R * bounces.speed**2

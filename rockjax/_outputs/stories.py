@@ -15,7 +15,7 @@ from .views import Ended
 
 @dataclasses.dataclass(frozen=True)
 class AbstractStoryOutput(AbstractOutput):
-    """An output of a building whose answer has one value for each story or floor, shape (stories,)."""
+    """An output of buildings. Its answer has one value for each story or floor, shape (stories,)."""
 
     axis = STORIES
 

@@ -10,7 +10,7 @@ moments. Divided by the depth, these are G and W, and the contribution of W is l
 
 where f is the decelerating moment at the turning point without the moment of gravity, divided by the
 coefficient of gravity in Eq. (24) of docs/model.md, f⁺ is the positive part of f, and w = 0.02. A column that
-reaches α_o with the speed θ̇ has the excess energy I θ̇²/2 there, and the margin −I θ̇²/2 divided by the depth.
+reaches α_o with the speed θ̇ has the excess energy I θ̇²/2 there. Its margin is −I θ̇²/2 divided by the depth.
 I is the inertia of columns, beam and superstructure moving together, as they do near the unstable
 equilibrium.
 
@@ -19,12 +19,12 @@ The slopes on both sides are equal if only gravity acts, and nearly equal if the
 superstructure vibrates. With restrainers the potential V of (C3) replaces the potential of gravity, (C21);
 both equations are in docs/equations.md:
 
-    G = 1 − V(θ_m)/V(α_o),   f = I (−σθ̈) − V'(θ_m),   W = f⁺ [sin(α−θ_m) − sin(α−α_o)] / V(α_o).
+    G = 1 − V(θ_m)/V(α_o),   f = I (−σθ̈) − V'(θ_m),   W = f⁺ [sin(α−θ_m) − sin(α−α_o)] / V(α_o),
 
-The margin of a scene is the least margin of all turning points, 1 if the columns never lift, and the margin
-at α_o if the scene overturns. Turning points, each with its own f, appear and vanish as the parameters
-change, which makes M jump. These jumps are small because the term with W is limited to w: away from the
-boundary, M depends mainly on the largest rotation, which is continuous.
+where σ is the sign of θ. The margin of a scene is the least margin of all turning points, 1 if the columns
+never lift, and the margin at α_o if the scene overturns. Turning points, each with its own f, appear and
+vanish as the parameters change, which makes M jump. These jumps are small because the term with W is limited
+to w: away from the boundary, M depends mainly on the largest rotation, which is continuous.
 """
 
 from __future__ import annotations

@@ -20,8 +20,8 @@ class PeakVelocityJump(AbstractEventOutput):
     """The largest jump of the horizontal velocity of the deck at an impact, max|Δv_b|, (L3) [m/s].
 
     `is_final` bounds the jump at the fastest impact that can follow. At an impact θ = 0, so the potential
-    energy of gravity and restrainers is zero. The kinetic energy is at least ½(`c.spin` + η(2R sin α)²)θ̇² and
-    at most `bounds.energy`.
+    energy of gravity and restrainers is zero. Divided by the mass of all columns, the kinetic energy is at
+    least ½(`c.spin` + η(2R sin α)²)θ̇² and at most `bounds.energy`.
     """
 
     name = "peak_velocity_jump"
@@ -55,7 +55,12 @@ class PeakVelocityJump(AbstractEventOutput):
 
 
 def _jump_bound(c: Coefficients, speed: Value, min_impact_speed: Value) -> Value:
-    """Bound the velocity jumps of the deck at impacts with |θ̇⁻| up to `speed` [m/s]. An impact with |θ̇⁻| up
-    to `min_impact_speed` leads to rest, so the deck loses its whole velocity."""
+    """Bound the velocity jumps of the deck at impacts [m/s]. If the columns come to rest at an impact, the
+    deck loses its whole velocity.
+
+    - `c`: constants of the podium
+    - `speed`: upper bound on |θ̇| before the impacts [rad/s]
+    - `min_impact_speed`: the columns come to rest if |θ̇| before the impact is at most this speed [rad/s]
+    """
     change = jnp.maximum(jnp.minimum(1 - c.restitution, 1.0) * speed, jnp.minimum(speed, min_impact_speed))
     return c.two_R * c.cos_alpha * change

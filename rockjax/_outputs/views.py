@@ -1,7 +1,7 @@
 """Views of a scene for the outputs: moments, steps, impacts, and parts that are skipped.
 
-An output reads these views instead of the loop state. From a view and its accumulator (its value so far) it
-computes the new accumulator.
+An output reads these views instead of the loop state. From a view and its accumulator (the value so far), the
+output computes the new accumulator.
 
 The time of an event or a breakpoint depends on the parameters. A *stamp* is the value of such a time, held
 constant under differentiation. (L1) and (L2) are in docs/floors.md.
@@ -53,8 +53,9 @@ class Moment(NamedTuple):
     - `sigma`: contact mode σ ∈ {−1, 0, 1}
     - `t`: time [s]
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
-    - `x`, `v`, `a`: positions (θ [rad], u_t [m]), velocities and accelerations, each with one entry if there
-      is no vibrating superstructure
+    - `x`, `v`, `a`: positions, velocities and accelerations. The positions are θ [rad] and the displacement
+      u_t of the superstructure relative to the ground [m], an array if it has several modes. Without a
+      vibrating superstructure, each has only the entry of θ
     """
 
     c: Coefficients
@@ -67,7 +68,8 @@ class Moment(NamedTuple):
 
     @property
     def deformation(self) -> Values:
-        """Deformation u_t − u_b of the superstructure [m], of each mode if there are several."""
+        """Deformation u_t − u_b of the superstructure, with the displacement u_b of the beam [m]; an array
+        over the modes if there are several."""
         return self.x[1] - beam(self.c, self.sigma, self.x[0], self.v[0])[0]
 
 
@@ -102,8 +104,9 @@ class Span(NamedTuple):
     - `h`: length of the step
     - `long`: whether the step is long enough for accurate curvatures of polynomials (`hermite.is_long`)
     - `before`: time from the start of the step to the event or breakpoint there, zero in value
-    - `after`: time from the end of the step to the event or breakpoint there, zero or short. Neither is held
-      constant under differentiation
+    - `after`: time from the end of the step to the event or breakpoint there, zero or short
+
+    `before` and `after` are not held constant under differentiation.
     """
 
     h: Value
@@ -132,8 +135,8 @@ class Step:
     step.
 
     - `scene`: the prepared scene
-    - `ends_on_maxima`: whether steps end on maxima, because the method has a higher order than the
-      polynomials
+    - `ends_on_maxima`: whether steps end on maxima of the rotation and of deformations, because the method
+      has a higher order than the polynomials
     - `state`: state at the start of the step
     - `ground_at`: t ↦ ground acceleration on the current piece of the excitation [m/s²]
     - `trial`: the step; `guard`: the quantity that ends its contact mode (`rockjax._engine.guard`)
@@ -276,7 +279,8 @@ class Step:
 
     def inertia_force(self) -> Callable[[Values], Course]:
         """Return the function that maps the weights w_i of the modes to the inertia force of a floor over the
-        step, per mass: Σ w_i F_i + (Σ w_i − 1) a_b, which is minus the acceleration of (L2) [m/s²]."""
+        step, divided by its mass: Σ w_i F_i + (Σ w_i − 1) a_b, the negative of the acceleration of (L2)
+        [m/s²]. Without a residual mass, the term with a_b is left out."""
         springs, base = self.spring_forces, self._residual_acceleration
 
         def force(weights: Values) -> Course:
@@ -312,7 +316,8 @@ class Step:
         - `course`: the quantity over the step
         - `accumulator`: largest value so far
         - `end_zone`: fraction of the step at both ends where a maximum needs no shorter step
-        - `shortens_step`: whether the step is shortened at all
+        - `shortens_step`: whether the next trial ends on a maximum that may exceed the accumulator. If f
+          turns twice in the step, the next trial may be shorter in any case (`maxima.largest`)
         - `sizes`: "absolute" for max|f|, "signed" for max f, "both" for a pair of max(−f) and max f;
           `accumulator` has the same form
         """
@@ -363,10 +368,10 @@ class Step:
         differentiated.
 
         Over a very short step, the slopes of the quintic are differences of nearly equal numbers. The time
-        then follows from the speeds and accelerations at both ends. Its derivative with respect to a
-        parameter is −θ̇'/θ̈, where θ̇' is that of the speed. The quotient is interpolated between the ends,
-        because a damper with a small exponent changes θ̇' and θ̈ suddenly near the turning point, but not
-        their quotient.
+        then follows from the speeds and accelerations at both ends. The derivative of the time with respect
+        to a parameter is −θ̇'/θ̈, where θ̇' is the derivative of the speed. The quotient is interpolated between
+        the ends, because a damper with a small exponent changes θ̇' and θ̈ suddenly near the turning point, but
+        not their quotient.
         """
         constant = jax.lax.stop_gradient
         newton = lambda value, slope: jnp.clip(safe_ratio(value, slope, slope != 0), -1.0, 1.0)
@@ -546,7 +551,7 @@ class Bounces(NamedTuple):
     - `c`: constants of the podium
     - `overturn_angle`: α_o [rad]
     - `ground`, `height`, `speed`: bounds on |ü_g| [m/s²], |θ| [rad] and |θ̇| [rad/s] during the bounces
-    - `min_impact_speed`: the columns rest after an impact with |θ̇⁻| up to this speed [rad/s]
+    - `min_impact_speed`: the columns rest after an impact before which |θ̇| is at most this speed [rad/s]
     """
 
     c: Coefficients

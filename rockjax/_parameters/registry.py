@@ -255,8 +255,9 @@ def motion_parameter(name: str) -> Parameter:
 
 
 def find_entry(name: str) -> Parameter | None:
-    """Return the parameter with a name, which may have a prefix such as `excitation.`; None for a name that
-    is not in `STRUCTURE` or `MOTION`."""
+    """Return the parameter with a name; None for a name that is not in `STRUCTURE` or `MOTION`. The name may
+    have a prefix. A name with the prefix `excitation.`, such as `excitation.gamma`, is looked up only in
+    `MOTION`."""
     path, _, short = name.rpartition(".")
     table = STRUCTURE if short in STRUCTURE and not path.startswith("excitation") else MOTION
     return table.get(short)

@@ -20,7 +20,7 @@ from .registry import find_clash
 def check_parameters(owner: str, podium: Podium, names: Sequence[str], more: Sequence[str] = ()) -> None:
     """Raise `ValueError` unless derivatives with respect to the named parameters exist.
 
-    - `owner`: function that error messages name
+    - `owner`: name of the calling function, for error messages
     - `podium`: the podium
     - `names`: names of parameters
     - `more`: names that are valid in addition to the parameters of the podium
@@ -36,7 +36,7 @@ def check_parameters(owner: str, podium: Podium, names: Sequence[str], more: Seq
             value = float(np.max(variants.read(podium, name)))
             cure = f"give it as an array, np.array({value:g})" if value else "give another value"
             raise ValueError(
-                f"{owner}: sensitivities name {name!r}, which is fixed at {value:g} in this podium before "
+                f"{owner}: sensitivities contain {name!r}, which is fixed at {value:g} in this podium before "
                 f"tracing and has no derivative; {cure}"
             )
         if name not in valid:
@@ -44,7 +44,7 @@ def check_parameters(owner: str, podium: Podium, names: Sequence[str], more: Seq
     clash = find_clash(names)
     if clash is not None:
         raise ValueError(
-            f"{owner}: sensitivities name {clash[0]} and {clash[1]}, which cannot vary at the same time; "
+            f"{owner}: sensitivities contain {clash[0]} and {clash[1]}, which cannot vary at the same time; "
             "give one of them"
         )
 

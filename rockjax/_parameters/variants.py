@@ -1,4 +1,5 @@
-"""Read and set parameters of structures by name, and convert ratios of pulses to dimensions."""
+"""Read and set parameters of structures by name, and convert ratios of pulses to dimensions. Eq. (25) is in
+docs/model.md."""
 
 from __future__ import annotations
 
@@ -59,9 +60,9 @@ def parameters_of(podium: Podium) -> dict[str, Parameter]:
 
 
 def _row(podium: Podium, entry: Parameter) -> tuple[Any, ...]:
-    """Return the values of a parameter that has one value for each mode, story or column.
+    """Return the values of a parameter for each mode, story or column.
 
-    The result is empty if the podium has a single value instead, or no such parameter.
+    The result is empty if the podium has one value for all of them, or no such parameter.
     """
     path, _, field = entry.attribute_path.partition(".")
     holder = getattr(podium, path)
@@ -75,7 +76,7 @@ def _row(podium: Podium, entry: Parameter) -> tuple[Any, ...]:
 
 
 def _has_several_heights(podium: Podium) -> bool:
-    """Return whether the superstructure has modes or floors with a height each.
+    """Return whether each mode or floor of the superstructure has a height of its own.
 
     Otherwise an array of heights means a batch of structures.
     """
@@ -206,10 +207,14 @@ def _index_of_class(members: tuple, class_name: str) -> int:
 
 
 def _for_all_modes(podium: Podium, path: str, value: Any) -> Any:
-    """Return values for a batch of podiums. If each podium has one value for all modes, repeat it along a
-    last axis of modes.
+    """Return the new values of a parameter, in the form in which the podium stores it.
 
-    Without this axis, the axis of the batch would be taken for the axis of modes.
+    - `path`: attribute path of the parameter
+    - `value`: a number, or an array of values for a batch of podiums
+
+    If the parameter has a value for each mode, but `value` has one value for all modes of each podium, this
+    value is repeated along a last axis of modes. Without this axis, the axis of the batch would be taken for
+    the axis of modes.
     """
     superstructure, field = podium.superstructure, path.removeprefix("superstructure.")
     if field == path or superstructure is None or field not in superstructure.rows:

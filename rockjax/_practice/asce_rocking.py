@@ -32,8 +32,8 @@ def inertia_factor(tan_alpha: float) -> float:
 
 
 def capacity(theta, tan_alpha: float):
-    """Return S_a,cap/g = 2B(θ)/θ, with the spectral acceleration S_a,cap that causes the rotation θ, (P5)
-    with the factor F_v of vertical motion equal to 1 [–].
+    """Return S_a,cap/g = 2B(θ)/θ, where S_a,cap is the spectral acceleration that causes the rotation θ, (P5)
+    [–]. The factor F_v of vertical motion is taken as 1.
 
     - `theta`: rotation > 0, a number or an array of any shape [rad]
     - `tan_alpha`: tan α [–]
@@ -42,7 +42,7 @@ def capacity(theta, tan_alpha: float):
 
 
 def frequency(theta, tan_alpha: float, g_over_height: float):
-    """Return the effective frequency f_e = √(2gB/(C_3θ²ĥ))/(2π), (P5) [Hz].
+    """Return the effective frequency f_e = √(2gB(θ)/(C_3θ²ĥ))/(2π), (P5) [Hz].
 
     - `theta`: rotation > 0, a number or an array of any shape [rad]
     - `tan_alpha`: tan α [–]

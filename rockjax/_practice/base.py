@@ -69,10 +69,11 @@ class MethodResult:
     - `quantity`, `unit`: the quantity that `capacity` and `demand` measure, and its unit (`"1"` for ratios)
     - `capacity`: capacity; None if it was not computed
     - `demand`: demand in each motion, shape (n,); None if it was not computed
-    - `statistic`: the demand that is compared with the capacity: `"max"` or `"mean"` of the n demands
-    - `passes`: whether the method accepts the podium; None if it gives no verdict
-    - `answers`: for each motion, all stable solutions θ/α, ascending; 1 stands for overturning. None for
-      methods that compute no rotation
+    - `statistic`: whether `governing_demand` is the maximum (`"max"`) or the mean (`"mean"`) of the n demands
+    - `passes`: whether the method accepts the podium: the governing demand does not exceed the capacity, or,
+      for methods that compute a rotation, no motion overturns the podium. None if there is no verdict
+    - `answers`: for each motion, all stable solutions θ/α of the method's equation, ascending. The value 1
+      stands for overturning, and the tuple is empty without uplift. None for methods that compute no rotation
     - `rotation_ratio`: for each motion, the largest of `answers`, shape (n,) [–]; 0 without uplift. None for
       methods that compute no rotation
     - `values`: intermediate numbers by name, each a `Quantity`
@@ -118,7 +119,7 @@ class MethodResult:
 
     @property
     def utilisation(self) -> float | None:
-        """Governing demand divided by capacity [–]; inf for a capacity of 0, None if either is missing."""
+        """Governing demand divided by capacity [–]; inf for a capacity ≤ 0, None if either is missing."""
         demand = self.governing_demand
         if demand is None or self.capacity is None:
             return None
@@ -159,7 +160,7 @@ class Outcome:
 
 
 class AbstractMethod(abc.ABC):
-    """A simplified method. Subclasses define the class variables and `outcome`."""
+    """A simplified method. Subclasses define the class variables, as in `MethodResult`, and `outcome`."""
 
     name: ClassVar[str]
     title: ClassVar[str]
@@ -175,7 +176,7 @@ class AbstractMethod(abc.ABC):
 
     @abc.abstractmethod
     def outcome(self, case: Case) -> Outcome:
-        """Return capacity, demands and intermediate numbers of a case."""
+        """Return what the method computes for a case."""
 
     def obstacles(self, case: Case) -> tuple[str, ...]:
         """Return the reasons why the method cannot be applied to a case; by default there are none."""
@@ -223,4 +224,4 @@ def damping_obstacles(damping: float) -> tuple[str, ...]:
     range."""
     if math.isfinite(damping) and 0 <= damping < 1:
         return ()
-    return ("the equivalent damping ratio must be below 1; the restitution factor is too small",)
+    return (f"the equivalent damping ratio must be in [0, 1), got {damping:.3g} from the restitution factor",)

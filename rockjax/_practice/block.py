@@ -13,8 +13,9 @@ from rockjax._structures import Podium
 class Block:
     """A solitary rocking block that replaces a podium.
 
-    The block rocks like a podium with a rigid superstructure (`Podium.equivalent_block`). The methods also
-    use this block for elastic superstructures too, as if these were rigid.
+    The block rocks like a podium with a rigid superstructure (`Podium.equivalent_block`). The methods use the
+    block for elastic superstructures, too, as if these were rigid; only (P2) considers their vibrations. The
+    fields are those of the podium. `equivalent_R`, `p` and `half_height` are those of the block.
 
     - `alpha`: slenderness α, in (0, π/2) [rad]; `g`: acceleration of gravity, > 0 [m/s²]
     - `R`: half diagonal of a column, > 0 [m]; `lam`: inertia factor λ of a column, ≥ 0 [–]

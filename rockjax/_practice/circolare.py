@@ -31,11 +31,14 @@ SLC = LimitState("SLC", 0.6, 1.56, 0.10)
 
 
 class Mechanism(NamedTuple):
-    """Linear capacity curve a(d) = a_0*(1 − d/d_0) of the frame, (P7), with Γ = `Block.mass_ratio`.
+    """Linear capacity curve of the frame: the acceleration a(d) = a_0* · (1 − d/d_0) at the displacement d,
+    (P7).
 
-    - `mass_share`: participating mass ratio e* = (1+2Γ)²/[(1+Γ)(1+4Γ)] [–]
-    - `acceleration`: acceleration that starts the mechanism, a_0* = g tan α/(e* FC) [m/s²]
-    - `displacement`: displacement without resistance, d_0 = B(1+4Γ)/(1+2Γ) [m]
+    - `mass_share`: participating mass ratio e* = (1+2Γ)²/[(1+Γ)(1+4Γ)], with Γ = `Block.mass_ratio` [–]
+    - `acceleration`: acceleration that starts the mechanism, a_0* = g tan α/(e* FC), with the confidence
+      factor FC [m/s²]
+    - `displacement`: displacement at which the resistance vanishes, d_0 = B(1+4Γ)/(1+2Γ), with the half width
+      B of a column [m]
     """
 
     mass_share: float

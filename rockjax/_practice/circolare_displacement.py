@@ -8,7 +8,8 @@ from .spectra import largest_displacement
 
 
 class CircolareDisplacement(AbstractMethod):
-    """Check of the mean displacement demand against the capacity d_SLV, (P7)."""
+    """Check of the mean displacement demand against the capacity d_SLV of the limit state of life safety,
+    (P7)."""
 
     name = "circolare_displacement"
     title = "Circolare 7/2019, displacements"

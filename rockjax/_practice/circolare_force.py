@@ -9,7 +9,8 @@ BEHAVIOUR_FACTOR = 2.0  # q [–]
 
 
 class CircolareForce(AbstractMethod):
-    """Check of the peak ground acceleration against q a_0* with the behaviour factor q = 2, (P7)."""
+    """Check of the peak ground acceleration against q a_0*, with the behaviour factor q = 2 and the
+    acceleration a_0* that starts the mechanism, (P7)."""
 
     name = "circolare_force"
     title = "Circolare 7/2019, q = 2"

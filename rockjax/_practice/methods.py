@@ -33,8 +33,8 @@ def simplified_methods(
 
     The methods, (P1) to (P7) of docs/practice.md, are for comparison with the exact answer
     ([`rockjax.peak_responses`][]) and do not replace it. Each result states how reliable its method is. Only
-    (P2) includes vibrations of the superstructure; the other methods treat it as rigid. Only (P6) includes
-    vertical motion, by its largest acceleration A_v.
+    (P2) includes vibrations of the superstructure; the other methods treat the superstructure as rigid. Only
+    (P6) includes vertical motion, by the largest vertical acceleration A_v.
 
     - `podium`: a single podium, with any superstructure; no method applies to tendons, dampers or inerters
     - `motions`: n sampled motions: a [`rockjax.Motion`][], [`rockjax.Motions`][], records or a list of them

@@ -1,4 +1,4 @@
-"""Solutions φ of F(φ) = φ, where F(φ) is the rotation that a method computes from an assumed rotation φ."""
+"""Solutions φ of F(φ) = φ. F(φ) is the rotation that a method computes from an assumed rotation φ = θ/α."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ class Roots(NamedTuple):
 def find_roots(excess: Callable[[np.ndarray], np.ndarray]) -> Roots:
     """Return the roots of F(φ) − φ in 0.01 ≤ φ ≤ 0.999.
 
-    `excess` is evaluated at 1001 equally spaced points, so that two roots between neighbouring points are
-    missed. The interval around a root is divided into 63 parts, and the part with the root again into 63
-    parts. In the last part, `excess` is interpolated linearly.
+    `excess` is evaluated at 1001 equally spaced points; two roots between neighbouring points are missed. The
+    interval around a root is divided into 63 parts, and the part that contains the root into 63 parts once
+    more. In the last part, `excess` is interpolated linearly.
 
     - `excess`: F(φ) − φ, or a quantity of the same sign, for an array of φ [–]
     """

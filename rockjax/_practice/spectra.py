@@ -61,8 +61,8 @@ def period_grid(shortest: float, longest: float) -> np.ndarray:
 def largest_displacement(motion: Motion, longest: float, damping: float) -> float:
     """Return the largest spectral displacement S_d(T) at periods 0 < T ≤ `longest` [m].
 
-    Short periods are not searched: at these, the bound S_d ≤ PGA/ω² coth(πζ/(2√(1−ζ²))), with ω = 2π/T and
-    the damping ratio ζ, is below S_d(`longest`).
+    With ω = 2π/T and the damping ratio ζ, S_d ≤ PGA/ω² coth(πζ/(2√(1−ζ²))). Periods at which this bound is
+    below S_d(`longest`) are not searched.
 
     - `motion`: ground motion
     - `longest`: longest period > 0 [s]

@@ -15,7 +15,8 @@ def effective_acceleration(podium: Podium, motion: Motion) -> float:
     """Return a_eff = [(1+2γ) PGA + 2Σ η_i S_a(T_i, ζ_i)]/(1+2γ+2η), (P2) [m/s²].
 
     S_a is the absolute spectral acceleration. γ includes all masses that move with the beam, η only masses
-    that vibrate. By the triangle inequality in Eq. (9), the columns cannot lift if a_eff ≤ g tan α.
+    that vibrate. By Eq. (9) of docs/model.md and the triangle inequality, the columns cannot lift if
+    a_eff ≤ g tan α.
 
     - `podium`: single podium without tendons, dampers and inerters, with damping ratios below 1
     - `motion`: ground motion

@@ -56,7 +56,8 @@ class Reader:
     """Reader of the tables of a problem file. Errors name the file, the key and the cause.
 
     - `path`: the problem file, whose folder is the base of relative paths; None for tables without a file
-    - `options`: key → (flag, value) for keys that the command line has set; errors about them name the flag
+    - `options`: key → (flag, value) for keys that the command line has set. An error about such a value names
+      the flag
     """
 
     def __init__(self, path: Path | None = None, options: Mapping[str, tuple[str, Any]] | None = None):
@@ -99,7 +100,7 @@ class Reader:
         flag, chosen = self.set_by_options.get(key.rpartition(".")[2], ("", None))
         if flag and chosen == value:
             raise LocatedError(f"{flag}: {reason}")
-        # The key "file" stands for the table itself.
+        # `_explain_first_error` returns the key "file" for the table itself.
         path = [where, *([key] if key != "file" else [])] if where else [key]
         return self.fail(".".join(path), reason)
 
@@ -182,7 +183,7 @@ class Reader:
     def members(
         self, sets: Mapping[str, models.MotionSet], name: str, podium: Podium | None
     ) -> list[Motion | AbstractExcitation]:
-        """Return the motions of a set: pulses as excitations, records as `Motion` with name and source.
+        """Return the motions of a set: pulses as excitations, records as `Motion` with their name and source.
 
         - `sets`: all sets by name
         - `name`: name of the set
@@ -309,8 +310,8 @@ def _pulses(entry: models.Pulses, podium: Podium | None) -> list[AbstractExcitat
 
 
 def pulse_periods(entry: Any, podium: Podium | None) -> Any:
-    """Return the periods T_p of an entry [s], which gives either T_p or the ratio ω_p/p with p of the
-    podium."""
+    """Return the periods T_p of the pulses of an entry [s]. The entry gives either T_p or ω_p/p, where p is
+    the frequency parameter of the podium."""
     if entry.frequency_ratio is None:
         return entry.T_p
     return pulse_period(float(_require_structure(podium).p), np.asarray(entry.frequency_ratio))

@@ -24,8 +24,8 @@ def fragility_of(settings: models.Risk, find: Callable[[str], Path]) -> Any:
     - `find`: function that turns a file name of the table into a path
 
     Raises `ValueError` if the file cannot be read or contains no fragility curve, if both a file and values
-    are given, or if only one of `median` and `dispersion` is given. A model (.xml) with several structures
-    needs a `structure`; otherwise, and for an unknown `structure`, `ValueError` is raised too.
+    are given, or if only one of `median` and `dispersion` is given. For a model (.xml), `ValueError` is also
+    raised if `structure` is unknown, or missing although the model has several structures.
     """
     parameters = [value for value in (settings.median, settings.dispersion) if value is not None]
     if settings.fragility is None:

@@ -56,7 +56,7 @@ def push_forward(
 
 
 def _restrict(function: Callable, leaves: Sequence[Any], varied: Sequence[int]) -> Callable:
-    """Return the function of only the leaves with the indices `varied`; the other leaves are fixed."""
+    """Return `function` as a function of only the leaves with the indices `varied`; the others are fixed."""
 
     def restricted(*values):
         changed = list(leaves)
@@ -68,7 +68,8 @@ def _restrict(function: Callable, leaves: Sequence[Any], varied: Sequence[int]) 
 
 
 def _take_leaves(function: Callable, structure: Any, **keywords: Any) -> Callable:
-    """Return the function of the leaves of its arguments, which have the tree structure `structure`."""
+    """Return `function` as a function of the leaves of its arguments. `structure` is the tree structure of
+    the arguments."""
     return lambda *leaves: function(*jax.tree.unflatten(structure, leaves), **keywords)
 
 
@@ -76,8 +77,8 @@ def with_derivatives(function: Callable) -> Callable:
     """Give a function of a scene the derivative rule of `_with_jacobian_rule`.
 
     - `function`: function that returns (floats, integers). Its arguments are those of a scene, and the last
-      one is the solver's options; its keywords are `capacity` and `reversible`. With `reversible`, its loops
-      can be differentiated in reverse mode
+      one is the solver's options. Its keywords are `capacity`, the number of accepted steps to store (None
+      stores none), and `reversible`: if True, its loops can be differentiated in reverse mode
 
     Returns a function of the same arguments and the keyword `capacity`.
     """
@@ -220,8 +221,8 @@ def find_dependent_outputs(function: Callable, argument: Any) -> Any:
 
 
 def is_concrete(leaf: Any) -> bool:
-    """Return whether the value of a leaf is known: for numbers, and outside jit also for tracers of
-    `jax.grad` or `jax.jvp`."""
+    """Return whether the value of a leaf is known. This is so for numbers and arrays, and outside jit also
+    for tracers of `jax.grad` or `jax.jvp`."""
     if not isinstance(leaf, Tracer):
         return True
     # A tracer of `grad` or `jvp` holds the value at which the derivative is evaluated.
@@ -238,7 +239,7 @@ def value_of(leaf: Any) -> Any:
 
 @functools.cache
 def differentiable(program: StoredProgram, slopes_of: StoredProgram, structure: Any, capacity: int | None):
-    """Return a differentiable function from the leaves of a scene to its answers.
+    """Return a differentiable function that maps the leaves of a scene to its answers.
 
     - `program`: program that computes the answers
     - `slopes_of`: program that computes the answers and the derivatives of the floats, see `with_slopes`
@@ -294,8 +295,9 @@ def directional_derivative(slope: np.ndarray, directions: dict[int, Any]):
 def _differentiate_traced(
     program: StoredProgram, structure: Any, capacity: int | None, primals, tangents, varied
 ):
-    """Differentiate the program through `jax.jit`: with respect to anything but scalar parameters of the
-    podium and the excitation (such as samples or initial states), or inside other transformations."""
+    """Differentiate the program through `jax.jit`. This is needed for derivatives with respect to anything
+    but scalar parameters of the podium and the excitation, such as samples or initial states, and inside
+    other transformations."""
     traced = lambda *leaves: program.through_jit(*jax.tree.unflatten(structure, leaves), capacity=capacity)
     restricted = _restrict(traced, primals, varied)
     return jax.jvp(restricted, [primals[i] for i in varied], [tangents[i] for i in varied])

@@ -25,7 +25,7 @@ import numpy as np
 
 _OWN_PACKAGES = ("rockjax", "optimise")  # identified by their source
 _LIBRARIES = ("jax", "jaxlib", "numpy", "equinox", "diffrax", "optimistix", "lineax")  # identified by version
-_FOLDERS_WITHOUT_PROGRAMS = ("_cli", "plots")  # folders whose source affects no program
+_FOLDERS_WITHOUT_PROGRAMS = ("_cli", "plots")  # folders whose source affects no compiled program
 # Entries of /proc/cpuinfo that identify the processor.
 _PROCESSOR = ("vendor_id", "cpu family", "model", "model name", "stepping", "flags", "features", "cpu part")
 # JAX's settings are ignored if their name contains one of these words.
@@ -135,7 +135,8 @@ def describe_machine() -> str:
 def _describe_versions() -> str:
     device = jax.local_devices(backend="cpu")[0]
     libraries = [f"{name} {version(name)}" for name in _LIBRARIES]
-    # The compiler uses features of the processor. Where they are unknown, the key names the machine.
+    # The compiler uses features of the processor. Where these features are unknown, the machine's name is
+    # part of the key.
     try:
         lines = Path("/proc/cpuinfo").read_text().split("\n\n")[0].splitlines()
         processor = [line for line in lines if line.split(":")[0].strip().lower() in _PROCESSOR]
@@ -149,7 +150,7 @@ def _describe_versions() -> str:
 
 @functools.cache
 def source_hash() -> str:
-    """Return a hash of the source and the JSON tables of `rockjax` and `optimise`, without
+    """Return a hash of the source and the JSON tables of `rockjax` and `optimise`, except the folders
     `_FOLDERS_WITHOUT_PROGRAMS`. Raises `NoKeyError` if a package has no source files."""
     digest = hashlib.sha256()
     for package in _OWN_PACKAGES:

@@ -54,7 +54,7 @@ class StoredProgram:
 
     - `function`: the function
     - `donate`: positions of arguments whose memory may be reused for the result
-    - `arrays_only`: True to treat Python numbers as static, too
+    - `arrays_only`: True if Python numbers are static, too
     - `compiler_options`: options of XLA; None for the defaults
     - `name`: name of the program in its key; by default the full name of the function
     - `description`: name of the program in progress bars

@@ -34,7 +34,8 @@ class Assumption(NamedTuple):
 
     - `id`: number, such as "A1"; `text`: the assumption as a sentence
     - `conservative`: "no" or "depends": whether results are on the safe side if the assumption does not hold
-    - `test`: function (problem, peaks of scenes) → outcome, or a sentence that states why there is no test
+    - `test`: function of the problem and the peaks of the scenes, which returns the outcome, or a sentence
+      that states why there is no outcome
     - `invalidates`: whether a violation turns the result PASS into NOT VALID
     """
 
@@ -46,8 +47,8 @@ class Assumption(NamedTuple):
 
 
 def opens_joint(data: xarray.Dataset) -> np.ndarray:
-    """Return for each scene whether a joint opens or, at an impact, the beam lifts off a column,
-    (scenes,). Forces or impulses that the scenes do not have count as no opening."""
+    """Return for each scene whether a joint opens or, at an impact, the beam lifts off a column, (scenes,).
+    Only those forces and impulses are tested that `data` contains."""
     opens = np.zeros(data.sizes["motion"], bool)
     for name in ("least_axial_force", "least_impulse_share"):
         if name in data:
@@ -56,8 +57,11 @@ def opens_joint(data: xarray.Dataset) -> np.ndarray:
 
 
 def _of_columns(problem: Problem, outcome: Outcome) -> Outcome | str:
-    """Return an outcome from forces of all columns. Without positions, forces are those of the mean column,
-    which can show that an assumption is violated, but not that it holds for every column."""
+    """Return the outcome of a test of joint forces, or a sentence if it does not hold for every column.
+
+    Without positions of the columns, forces are those of the mean column. They can show that an assumption is
+    violated, but not that it holds for every column.
+    """
     if problem.podium.elevation is not None or outcome.violated.any():
         return outcome
     found = outcome.text.format(f"{outcome.worst:.3g}")

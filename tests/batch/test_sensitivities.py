@@ -199,7 +199,7 @@ def test_a_listed_parameter_has_a_derivative_or_one_line_says_why_not(name):
         assert all(np.isfinite(slope).all() for slope in jax.tree.leaves(slopes))
     assert list(refused) == ([FIXED[name]] if name in FIXED else [])
     for parameter, words in refused.items():
-        start = f"here: sensitivities name '{parameter}', which is fixed at"
+        start = f"here: sensitivities contain '{parameter}', which is fixed at"
         assert re.fullmatch(
             rf"{start} \d in this podium before tracing and has no derivative; give .*", words
         )

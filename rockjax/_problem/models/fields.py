@@ -30,7 +30,7 @@ class Flag(NamedTuple):
     """The command-line option that sets a key.
 
     - `panel`: heading above the option in the help
-    - `name`: name of the option; an empty string for the name of the key
+    - `name`: name of the option; "" if the option has the name of the key
 
     A `Flag` is stored as `json_schema_extra` of a field. Pydantic calls it with the JSON schema of the field,
     which the call leaves unchanged.
@@ -124,7 +124,8 @@ class Keys(BaseModel):
         return given
 
     def as_arguments(self, *without: str) -> dict[str, Any]:
-        """Return key → value for the keys that the table sets, except those in `without`."""
+        """Return key → value for the keys that the table sets to a value other than None, except those in
+        `without`."""
         names = [name for name in type(self).model_fields if name in self.model_fields_set - set(without)]
         return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
 

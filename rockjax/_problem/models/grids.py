@@ -1,4 +1,4 @@
-"""Tables of problem files for `rockjax sweep` and `rockjax ensemble`."""
+"""Models of the tables of a problem file for `rockjax sweep` and `rockjax ensemble`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from .studies import OneMotion
 
 
 class Span(Keys):
-    """Values of an axis between two ends, with equal distances or equal ratios of neighbouring values."""
+    """Values of an axis from one end to the other. Neighbouring values have equal distances or equal
+    ratios."""
 
     low: Number = Field(alias="from", description="First value.")
     high: Number = Field(alias="to", description="Last value.")

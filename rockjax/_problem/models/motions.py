@@ -1,4 +1,4 @@
-"""Tables of ground motions."""
+"""Models of the tables of a problem file that describe ground motions."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ from .fields import (
 
 
 class Pulses(Keys):
-    """Pulses. Lists of amplitudes and periods must have equal lengths; a single amplitude or period applies
-    to all pulses."""
+    """One or more pulses. Lists of amplitudes and periods must have equal lengths; a single amplitude or
+    period applies to all pulses."""
 
     kind: PulseName = key("ricker", "Kind of the pulse.", MOTION, "--pulse")
     acceleration_ratio: OneOrMore | None = key(None, "Amplitude of the pulse a_p/(g tan α) [–].", MOTION)
@@ -109,7 +109,7 @@ class Synthetic(Keys):
 
 
 class Measures(Keys):
-    """Options of `rockjax motions`, which has no table."""
+    """Options of the command `rockjax motions`, which has no table in problem files."""
 
     periods: Positives = key([0.2, 0.5, 1.0, 2.0], "Periods of Sa(T) [s], separated by commas.", GRID)
     damping: NotNegative = key(0.05, "Damping ratio of Sa(T) [–].", GRID)
@@ -120,7 +120,8 @@ SOURCES = ("kind", "file", "suite", "synthetic")
 
 
 def _source_tag(given: Any) -> str | None:
-    """Return the tag of the model of an entry; None unless the entry has exactly one of `SOURCES`."""
+    """Return the tag of the model that reads an entry; None unless the entry has exactly one of the keys
+    `SOURCES`."""
     found = [name for name in SOURCES if isinstance(given, dict) and name in given]
     return found[0].title() if len(found) == 1 else None
 

@@ -1,4 +1,4 @@
-"""Tables of the design report, and of random motions in its checks."""
+"""Models of the tables of a problem file for the design report, and of random motions in its checks."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class EnvelopeKeys(Keys):
 
 
 class GaussianKeys(Keys):
-    """A random motion, as `rockjax.GaussianMotion`."""
+    """A random motion, with the parameters of `rockjax.GaussianMotion`."""
 
     n: Points = key(..., "Number of samples.")
     dt: Positive = key(..., "Sampling interval [s].")

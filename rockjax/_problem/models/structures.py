@@ -1,4 +1,4 @@
-"""Tables of structures, and of blocks and oscillators on their floors."""
+"""Models of the tables of a problem file for structures, and for blocks and oscillators on their floors."""
 
 from __future__ import annotations
 
@@ -81,8 +81,8 @@ def _stored_in(*parts: str) -> dict[str, registry.Parameter]:
 
 
 class Superstructure(make_model(_stored_in("superstructure") | registry.BUILDING, "eta")):
-    """A superstructure with mass ratio eta. It is rigid without T_s; with T_s and `stories` it is a building
-    of equal stories."""
+    """A superstructure with the mass ratio eta. Without the period T_s it is rigid. T_s and `stories` define
+    a building with equal stories."""
 
     @model_validator(mode="after")
     def _check(self) -> Superstructure:
@@ -128,7 +128,7 @@ class Elevation(Keys):
 
 
 def _superstructure_tag(given: Any) -> str:
-    """Return the tag of the model of a superstructure."""
+    """Return the tag of the model that reads the table of a superstructure."""
     tags = {"masses": "Building", "T": "Modes"}  # no tag equals a key, so that messages omit tags
     return next((tags[name] for name in tags if isinstance(given, dict) and name in given), "one")
 
@@ -169,7 +169,7 @@ class ByDimensions(make_model(registry.DIMENSIONS | registry.BUILDING, "width", 
 
 
 def _structure_tag(given: Any) -> str:
-    """Return the tag of the model of a structure."""
+    """Return the tag of the model that reads the table of a structure."""
     has_dimensions = isinstance(given, dict) and any(
         name in given for name in (*registry.WIDTH_AND_HEIGHT, "column_mass")
     )

@@ -1,4 +1,5 @@
-"""Tables of options, and tables of the commands for responses, spectra, fragility and risk."""
+"""Models of the table of options, and of the tables of the commands for responses, spectra, fragility and
+risk."""
 
 from __future__ import annotations
 
@@ -32,7 +33,7 @@ from .fields import (
 
 
 class Options(Keys):
-    """Accuracy, as `rockjax.Options`."""
+    """Settings of the solver, with the meaning of `rockjax.Options`."""
 
     rtol: Positive | None = key(None, "Relative tolerance of the step-size control [–].", ACCURACY)
     atol: Positive | None = key(None, "Absolute tolerance [–]; by default 0.01 rtol.")

@@ -18,14 +18,14 @@ from rockjax._report.tables import (
 )
 from rockjax._report.units import NO_UNIT, Units
 
-NONE = "none"  # text in columns of errors and notes for a cell that has none
+NONE = "none"  # text in a column of errors or notes, for a cell without an error or a note
 
 
 class Number(NamedTuple):
     """A number in the unit of the page.
 
     - `value`: the number, not rounded
-    - `digits`: the number as the page shows it; "" in columns of errors
+    - `digits`: the digits of the number on the page; "" in columns of errors
     """
 
     value: float

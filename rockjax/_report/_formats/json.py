@@ -1,4 +1,5 @@
-"""JSON: the texts and numbers of the page, in SI. A picture has only its title, description and caption.
+"""JSON: the texts and numbers of the page, in SI. Pictures are reduced to their titles, descriptions and
+captions.
 
 Numbers are not rounded. Sections, and blocks within them, have the order of the page.
 """
