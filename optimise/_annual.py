@@ -32,13 +32,13 @@ class AnnualFrequency(AbstractScaleTarget):
 
     - `at_most`: mean annual frequency λ_f, > 0 [1/year]
     - `hazard`: the [`rockjax.Hazard`][] of the site, for PGA, PGV or Sa at a period, in SI units
-    - `suite`: two or more records or other motions, or `FreshSamples` of records; intensities are measured on
-      the horizontal component
+    - `suite`: two or more records or other motions, or `optimise.FreshSamples` of records; intensities are
+      measured on the horizontal component
     - `max_intensity`: highest intensity searched [unit of `hazard`]; None for the last point of the hazard.
       For a motion that does not overturn the columns up to this intensity, the fit uses only that its
       overturning intensity is higher
-    - `width`: in (0, 0.1); verification misses an interval of overturning intensities below the computed
-      least one only if it is narrower than `width` times `max_intensity` [–]
+    - `width`: in (0, 0.1); the verification of a design can miss an interval of overturning intensities below
+      the computed least one only if the interval is narrower than `width` times `max_intensity` [–]
     - `name`: name in reports; None for a description
 
     λ_f comes from [`rockjax.annual_frequency`][] for the lognormal distribution fitted to the least
@@ -46,10 +46,10 @@ class AnnualFrequency(AbstractScaleTarget):
     distribution can be fitted, for example because fewer than two motions overturn the columns, λ_f is the
     frequency with which `max_intensity` is exceeded, with zero derivatives.
 
-    Raises `ValueError` for arguments out of range, for a hazard that is not in SI units or has another
-    measure, and for a suite of one motion or with a motion of intensity 0. Raises `ValueError` also for a
-    `max_intensity` that is exceeded `at_most` times a year or more often, because λ_f would then be at least
-    `at_most` even if no motion overturned the columns.
+    Raises `ValueError` for arguments out of range, for a hazard that is not in SI units or has an intensity
+    measure other than these, and for a suite of one motion or with a motion of intensity 0. Raises
+    `ValueError` also for a `max_intensity` that is exceeded `at_most` times a year or more often, because λ_f
+    would then be at least `at_most` even if no motion overturned the columns.
     """
 
     at_most: Any
@@ -111,8 +111,8 @@ class AnnualFrequency(AbstractScaleTarget):
     def distribution(self, podium: rj.Podium, options: rj.Options = rj.Options()) -> rj.Lognormal:
         """Fit a lognormal distribution to the least overturning intensities, in the unit of the hazard.
 
-        Its parameters are NaN if no distribution can be fitted, for example because fewer than two motions
-        overturn the columns.
+        The parameters of the distribution are NaN if no distribution can be fitted, for example because fewer
+        than two motions overturn the columns.
         """
         return self._fit(self.least_scales(podium, options))
 

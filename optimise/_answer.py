@@ -25,9 +25,9 @@ class Outcome(NamedTuple):
     """Outcome of one start.
 
     - `variables`: name → value in the unit of the parameter; `objective`: verified value of the objective
-    - `margin`: least verified margin [–], inf without targets; `satisfied`: whether objective and margins are
-      finite and all margins are ≥ 0
-    - `result`: a member of `optimise.RESULTS`; `iterations`: number of iterations, with those of all
+    - `margin`: least verified margin [–]; inf without targets, NaN if a target is unverified
+    - `satisfied`: whether objective and margins are finite and all margins are ≥ 0
+    - `result`: a member of `optimise.RESULTS`; `iterations`: number of iterations, including those of
       corrections
     """
 
@@ -66,18 +66,22 @@ class Design(Module):
       sample
     - `margins`: target → verified margins [–]; NaN for a probability whose independent sample has not
       converged
-    - `multipliers`: target → shadow prices: decrease of the objective divided by the relative relaxation of
-      the limit that causes it [unit of the objective]; 0 for targets that do not bind. NaN for all targets if
-      one is violated or unverified, or if an interrupted search has not determined the prices
+    - `multipliers`: target → shadow price of each margin [unit of the objective]: if the margin may be −ε
+      instead of 0 (for most targets, if the limit is relaxed by the small fraction ε), the objective
+      decreases by the price times ε. The price is 0 if the limit does not bind. Prices are NaN for all
+      targets if one target is violated or unverified, or if an interrupted search has not determined the
+      prices
     - `result`: a member of `optimise.RESULTS`; `stats`: an `Effort`
-    - `history`: an `Iterate` for every iteration of every start, without those of corrections
+    - `history`: the iterations of all starts as `Iterate`s; the iterations of corrections only if targets
+      have fresh samples
     - `starts`: an `Outcome` for every start; `best`: index of the start that gave this design, from 0
     - `bounds`: name → (lowest, highest); `units`: name → unit; `minimised`: name of the objective
-    - `probabilities`: target on a probability of failure → estimate of this probability from an independent
-      sample
-    - `standard_errors`: target with fresh samples → standard errors of its margins in an independent sample
-    - `overturned`: target or objective on peaks → number of its scenes in which the columns overturn, without
-      entries of 0; the peaks of these scenes cover only the time until overturning
+    - `probabilities`: for targets on a probability of failure, target → estimate of this probability from an
+      independent sample
+    - `standard_errors`: for targets with fresh samples, target → standard errors of its margins in an
+      independent sample
+    - `overturned`: for targets and objectives on peaks, name → number of scenes in which the columns
+      overturn, if there are any; the peaks of these scenes cover only the time until overturning
     """
 
     podium: rj.Podium
@@ -202,7 +206,7 @@ def _html(design: Design) -> str:
 class SampleEstimates(NamedTuple):
     """Estimates from independent samples at a design.
 
-    - `probabilities`: index of the target → probability of failure
+    - `probabilities`: index of the target → estimate of its probability of failure
     - `errors`: index of the target → standard errors of its margins (k,) [–]
     """
 
@@ -213,7 +217,7 @@ class SampleEstimates(NamedTuple):
 class SearchResult(NamedTuple):
     """Result of a search.
 
-    - `ends`: where the search from each start ended; `evaluations`: verified evaluations at these points
+    - `ends`: end of the search from each start; `evaluations`: verified evaluations at these points
     - `margin_counts`: target → number of its margins
     - `scale`: number by which the search divides the objective
     - `history`: iterates of all starts; `effort`: cost of the search
@@ -291,8 +295,11 @@ def build_design(
 
 
 def _outcome(variables: Variables, end: End, evaluation: Evaluation) -> Outcome:
-    """Return the outcome of a start. If the verified evaluation contradicts `end.result`, the evaluation
-    decides."""
+    """Return the outcome of a start.
+
+    `end.result` is corrected by the verified evaluation: to `not_finite`, from `converged` or `stalled` to
+    `infeasible`, or from `infeasible` to `stalled`.
+    """
     is_finite = bool(np.isfinite(evaluation.c).all() and np.isfinite(evaluation.f).all())
     satisfied = is_finite and evaluation.violation == 0
     code = end.result if is_finite else NOT_FINITE
@@ -308,8 +315,8 @@ def _outcome(variables: Variables, end: End, evaluation: Evaluation) -> Outcome:
 
 
 def _rank_outcome(outcome: Outcome, has_targets: bool) -> tuple[int, float]:
-    """Return the sort key of an outcome: satisfied outcomes come first, by objective, then violated ones, by
-    margin, then non-finite ones."""
+    """Return the sort key of an outcome: satisfied outcomes come first, sorted by objective, then violated
+    ones, sorted by margin, then non-finite ones."""
     if not np.isfinite([outcome.objective, outcome.margin if has_targets else 0.0]).all():
         return (2, 0.0)
     return (0, outcome.objective) if outcome.satisfied else (1, -outcome.margin)

@@ -54,7 +54,8 @@ def design_chart(
     - `pulse`: a pulse class such as `rockjax.Ricker`
     - `a_p`: one or several amplitudes of the pulse, > 0 [m/s²]
     - `T_p`: periods of the pulse, shape (n,), > 0, ascending [s]
-    - `resolution`: number of equal intervals between the bounds, ≥ 4; their ends are simulated first
+    - `resolution`: number of equal intervals into which the range is divided, ≥ 4; the ends of the intervals
+      are simulated first
     - `options`: options of the simulations
     - `progress`: `True` for a progress bar, or any object with a method `update(n)`
 
@@ -143,8 +144,8 @@ def plot_chart(chart: xarray.Dataset, ax: Axes | None = None) -> Axes:
     - `chart`: a Dataset of [`optimise.design_chart`][]; `ax`: axes to draw in, by default those of a new
       figure
 
-    Dots mark the other changes between survival and overturning. Returns the axes. Raises `ValueError` for
-    other objects than such a Dataset.
+    Dots mark the other changes between survival and overturning. Returns the axes. Raises `ValueError` if
+    `chart` is not such a Dataset.
     """
     if "smallest_safe_value" not in getattr(chart, "data_vars", ()):
         raise ValueError(f"plot_chart: chart must come from optimise.design_chart, got {format_value(chart)}")

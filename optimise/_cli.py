@@ -26,12 +26,12 @@ def design_command(
     """Solve a design problem; write the design and its pictures.
 
     - `problem`: the design problem
-    - `output`: first part of the names of the files: `output`.json, `output`-convergence.png and, if the
-      problem has motions, `output`-response.png
+    - `output`: first part of the names of the files: `output`.json and the pictures `output`-convergence and,
+      if the problem has motions, `output`-response
     - `quiet`: whether to hide the progress bar; `suffix`: file extension of the pictures
 
     Returns the design, the paths of the written files, and None or, if the search was interrupted, the
-    `rockjax.Interrupted` error. The design of an interrupted search is the best design until then. Raises
+    `rockjax.Interrupted` error, whose `partial` is then the returned design. Raises
     `rockjax.Interrupted` if a search is interrupted before there is a design.
     """
     import rockjax as rj
@@ -59,7 +59,8 @@ def design_command(
 
 
 def _decisive_motion(problem: Problem, design: Design, motions: list) -> Any:
-    """Return the motion that gives the smallest margin of all targets on peak responses.
+    """Return the motion that gives the smallest margin of all targets on the peak responses to single
+    motions.
 
     If there is no such target, return the one of `motions` under which the design has the smallest
     overturning margin.
@@ -79,7 +80,8 @@ def _decisive_motion(problem: Problem, design: Design, motions: list) -> Any:
 
 
 def joint_peaks(problem: Problem, design: Design) -> Any:
-    """Return the peak forces in the joints under all motions of a problem, from which warnings are derived.
+    """Return the peak forces in the joints under all motions of a problem; the command warns of joints that
+    slide or open.
 
     Return None if the podium has no elevation (positions of columns and heights of masses) or the problem has
     no motions.

@@ -19,10 +19,10 @@ from ._results import CONVERGED, INFEASIBLE, STALLED
 class Evaluation(NamedTuple):
     """Evaluation of a design point, in scaled variables (0 and 1 are the bounds).
 
-    - `f`: values (k,), the largest of which is minimised; `f_slope`: their Jacobian (k, n)
+    - `f`: values (k,) of the objective, the largest of which is minimised; `f_slope`: their Jacobian (k, n)
     - `c`: margins (m,) of all targets [–]; `c_slope`: their Jacobian (m, n)
     - `overturned`: number of overturned scenes of each target and, as the last entry, of the objective; empty
-      if not counted
+      if overturned scenes were not counted
     """
 
     f: Vector
@@ -48,7 +48,8 @@ class Evaluation(NamedTuple):
 class Settings(NamedTuple):
     """Settings of a descent.
 
-    - `scale`: number by which the descent divides the objective; `shift`: least margin aimed at [–]
+    - `scale`: number by which the descent divides the objective
+    - `shift`: least margin that the descent aims at [–]
     - `radius`: initial radius of the trust region, in scaled variables
     - `tolerance`: largest residual of the optimality conditions at convergence
     - `max_iterations`: number of iterations after which the descent stops
@@ -96,7 +97,7 @@ class End(NamedTuple):
     - `x`: scaled variables (n,); `multipliers`: multipliers (m,) of the margins, for the objective divided by
       `Settings.scale`
     - `result`: code of `RESULTS`; `iterations`: number of iterations
-    - `evaluation`: evaluation at `x`; a descent scales it with `scale_evaluation`
+    - `evaluation`: evaluation at `x`, to which a descent has applied `scale_evaluation`
     """
 
     x: Vector
@@ -110,7 +111,8 @@ Descent = Generator[Vector, Evaluation, End]
 
 
 def scale_evaluation(evaluation: Evaluation, settings: Settings) -> Evaluation:
-    """Return an evaluation as a descent uses it: values divided by `scale`, and margins minus `shift`."""
+    """Return an evaluation as a descent uses it: values divided by `scale`, and margins minus `shift`;
+    overturned scenes are not counted."""
     return Evaluation(
         evaluation.f / settings.scale,
         evaluation.c - settings.shift,
@@ -127,8 +129,11 @@ def rank(evaluation: Evaluation) -> tuple[float, float]:
 def objective_scale(evaluations: list[Evaluation]) -> float:
     """Return a typical change of the objective between the bounds of a variable.
 
-    This is the median, over the evaluations at the starts, of the largest absolute slope. If all slopes are
-    zero, return the largest absolute objective value, or 1 if all objective values are zero as well.
+    This is the median of the largest absolute slopes of the evaluations, without slopes of zero. If all
+    slopes are zero, return the largest absolute objective value, or 1 if all objective values are zero as
+    well.
+
+    - `evaluations`: finite evaluations at the starting points
     """
     slopes = [float(np.max(np.abs(e.f_slope))) for e in evaluations]
     slopes = [slope for slope in slopes if slope > 0]
@@ -143,7 +148,8 @@ def final_result(current: Evaluation, residual: float, settings: Settings) -> in
     - `current`: scaled evaluation at the last point; `residual`: residual of the optimality conditions there
     - `settings`: settings of the descent
     """
-    # Scaled margins are reduced by `shift`, so a larger violation means that a true margin is negative.
+    # Scaled margins are reduced by `shift`, so a violation above `shift` means that a true margin is
+    # negative.
     if current.violation > settings.shift:
         return INFEASIBLE
     return CONVERGED if residual <= 100 * settings.tolerance else STALLED

@@ -74,19 +74,21 @@ def design(
     - `starts`: number of starting points, ≥ 1: `podium`, and a random Latin hypercube for the others
     - `seed`: seed of the random starting points, ≥ 0
     - `options`: options of the simulations; their `outputs` and `throw` are ignored
-    - `tolerance`: tolerance of the optimality conditions, in scaled variables, and least margin aimed at, in
-      [1e-10, 1e-2]; at least 1e-4 is used if a target is a `FailureProbability` [–]
+    - `tolerance`: tolerance of the optimality conditions, in scaled variables, and least margin that the
+      search aims at, in [1e-10, 1e-2]; at least 1e-4 is used if a target is a `FailureProbability` [–]
     - `max_iterations`: for every start, the largest number of iterations of `"sqp"`, or the number of steps
       of a gradient transformation, ≥ 1. None means 60 for `"sqp"`, 100 for a transformation, and 300 with
-      `FreshSamples`. Corrections after a verification come in addition
+      `FreshSamples`. Up to 60 iterations of `"sqp"` after a transformation, and corrections after an
+      independent sample or a verification, come in addition
     - `progress`: `True` for a progress bar, or any object with a method `update(n)`, which is called with
       n = 1 after each evaluation of all starts
 
-    If no design satisfies the targets, the design with the smallest violation is returned, with
-    `satisfied = False`. Raises `ValueError` for invalid inputs. Ctrl-C raises [`rockjax.Interrupted`][]. Its
-    `partial` is the best design until then or, with `FreshSamples`, the mean of the latest steps. It is
-    evaluated with the tolerances of the verification, but not corrected, and without a new independent sample
-    for a `FailureProbability`. It is None before the first evaluation.
+    If no design is found that satisfies the targets, the design with the smallest violation is returned, with
+    `satisfied = False`. Raises `ValueError` for invalid inputs. Ctrl-C raises [`rockjax.Interrupted`][],
+    whose attribute `partial` is the best design until then or, with `FreshSamples`, the mean of the latest
+    steps. This design is evaluated with the tolerances of the verification, but not corrected, and no new
+    independent sample is taken for a `FailureProbability`. If Ctrl-C comes during the first evaluation,
+    `partial` is None.
     """
     start_time = time.perf_counter()
     transformation = transformation_of(method)
@@ -141,9 +143,10 @@ class DescentSearch:
     - `transformation`: gradient transformation that takes steps before the descents; None for descents only
     - `evaluate`: evaluates one point of every start
     - `points`: starting points (starts, n), in scaled variables
-    - `tolerance`: largest residual of the optimality conditions at convergence, and margin aimed at [–]
-    - `max_iterations`: number of steps of the transformation; without one, largest number of iterations of a
-      descent
+    - `tolerance`: largest residual of the optimality conditions at convergence, and least margin that the
+      descents aim at [–]
+    - `max_iterations`: number of steps of the transformation; without a transformation, largest number of
+      iterations of a descent
     """
 
     def __init__(
@@ -249,7 +252,7 @@ class DescentSearch:
             run_descents(descents, self.evaluate, end_points, first, self.ends)
 
     def end_so_far(self, k: int, settings: Settings) -> End:
-        """Return the best point that start k has reached as its end; its multipliers are unknown (NaN)."""
+        """Return the best point that start k has reached as its end, with unknown multipliers (NaN)."""
         x, evaluation = self.evaluate.best[k]
         iterations = sum(row.start == k for row in self.history)
         return End(
@@ -279,7 +282,7 @@ class DescentSearch:
 
 
 def _descend_further(end: End, settings: Settings, start: int) -> Descent:
-    """Continue from the end of a start, in the form of `descend`; the new end has the iterations of both."""
+    """Continue a descent from its end; the new end counts the iterations of both parts."""
     further = yield from descend(end.x, settings, [], start)
     return further._replace(iterations=end.iterations + further.iterations)
 
@@ -364,8 +367,8 @@ def _margin_counts(targets: tuple[AbstractTarget, ...], counts: list[int]) -> di
 def _small_violation(end: End, verified: Evaluation, limit: float) -> float:
     """Return the violation at an end in the verification if a further descent may correct it, otherwise 0.
 
-    It may if the evaluation is finite, the violation at most `limit`, and the result of the search neither
-    `infeasible` nor `not_finite`.
+    A descent may correct the violation if the evaluation is finite, the violation is at most `limit`, and the
+    result of the search is neither `infeasible` nor `not_finite`.
     """
     if end.result in (INFEASIBLE, NOT_FINITE) or not verified.is_finite:
         return 0.0

@@ -129,15 +129,17 @@ def build_problem(
 
 
 def _floats_to_arrays(item: Any) -> Any:
-    """Turn Python floats into arrays: compiled programs take arrays as arguments, but floats as constants.
+    """Turn Python floats into arrays: compiled programs take arrays as arguments, but floats as constants,
+    so that other floats would need another compilation.
 
-    Zeros stay floats, because they may mean that a component is absent.
+    Zeros stay floats, because a zero may mean that a component is absent.
     """
     return jax.tree.map(lambda y: as_float(y) if isinstance(y, float) and y else y, item)
 
 
 def _trace_functions(variables: Variables, objective: AbstractObjective | None) -> AbstractObjective | None:
-    """Replace user functions by traced ones, which the store of programs recognises by their jaxpr."""
+    """Replace user functions by traced ones, for which the store of compiled programs finds the program of an
+    earlier function with the same jaxpr."""
 
     def trace(leaf: Any) -> Any:
         if not isinstance(leaf, PodiumFunction) or isinstance(leaf.function, TracedFunction):
@@ -251,8 +253,8 @@ class Evaluator:
         """Return the evaluations at points (starts, n).
 
         `count` is the number by which `evaluations` increases; None for the number of points. If
-        `is_accurate` is True, simulations use the tolerances of verification, and targets without fresh
-        samples the `width` that the user gave.
+        `is_accurate` is True, simulations use the tolerances of verification, and the objective and targets
+        without fresh samples use the `width` that the user gave.
         """
         options = verification_options(self.options) if self.is_accurate else self.options
         problem = self.full_problem if self.is_accurate else self.problem
@@ -281,8 +283,8 @@ class Evaluator:
         return evaluations
 
     def estimates(self, x: np.ndarray, k: int) -> dict[int, MarginEstimate]:
-        """Return index of the target → margins at x (n,) in the k-th independent sample, for all targets with
-        fresh samples."""
+        """Return, for all targets with fresh samples, index of the target → margins at x (n,) in the k-th
+        independent sample."""
         podium = self.full_problem.variables.podium(x)
         return {index: self._estimate(index, podium, k) for index in self.fresh_samples}
 
@@ -299,6 +301,7 @@ class Evaluator:
         rng = np.random.default_rng([samples.seed, k])
         resamples = rng.integers(scales.size, size=(BOOTSTRAP_SAMPLES, scales.size))
         resamples[0] = np.arange(scales.size)  # the sample itself
+        # Margins of given scales do not depend on the records, so any batch will do.
         margins = np.asarray(
             _margins_of_samples(_with_records(target, samples.draw(0)), as_float(scales[resamples]))
         )

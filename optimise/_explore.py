@@ -66,7 +66,7 @@ class Explorer:
       even if the slider rounds it
     - `structure`, `podium`, `excitation`, `peak`: structure (as the given type and as a podium), motion and
       peak response for these values
-    - `picture`: picture of the response as PNG; it has twice as many pixels as its width on the page
+    - `picture`: picture of the response as PNG, twice as wide in pixels as on the page
     """
 
     def __init__(self, structure, excitation, vary: Mapping[str, tuple[float, float]], options: rj.Options):
@@ -157,7 +157,8 @@ def explore(
       are not varied keep their values
     - `vary`: name → (lowest, highest) in the unit of the parameter. A name denotes a parameter of the
       structure, as in [`optimise.design`][], or a scalar field of the motion, such as `a_p` and `T_p` of a
-      pulse or `scale` of a record. A name that both have denotes the parameter of the structure
+      pulse or `scale` of a record. A name that structure and motion share denotes the parameter of the
+      structure
     - `options`: options of the simulations; their `outputs` and `throw` are ignored
 
     The picture shows the initial response in grey and the present one in colour. Only the first picture
@@ -206,8 +207,8 @@ def explore(
 
 
 def _outputs(options: rj.Options) -> tuple[str, ...]:
-    """Return the outputs to request. The last one, the overturning margin, is requested only with
-    engine="flat" and overturn_ratio ≤ 1, because then every structure has this margin."""
+    """Return the outputs to request. The overturning margin, the last of `OUTPUTS`, is requested only with
+    engine="flat" and overturn_ratio ≤ 1, because only then is it defined for every structure."""
     return OUTPUTS if float(options.overturn_ratio) <= 1 and options.engine == "flat" else OUTPUTS[:-1]
 
 
@@ -303,7 +304,8 @@ class _Grid(NamedTuple):
 
     @classmethod
     def containing(cls, low: float, high: float, value: float) -> _Grid:
-        """Return a grid from `low` to `high` with a round step and about `SLIDER_POSITIONS` positions.
+        """Return a grid from `low` to `high` with the least round step that gives at most `SLIDER_POSITIONS`
+        steps.
 
         If `value` is not a position, the step is divided by 10, up to `MAX_REFINEMENTS` times.
         """
@@ -321,7 +323,8 @@ class _Grid(NamedTuple):
     def read(self, shown_value: float, initial_value: float) -> float:
         """Return the value of the parameter for the value that its slider shows.
 
-        This is the initial value if the slider shows the position nearest to it, otherwise the shown value.
+        This is the initial value if the slider shows the position nearest to the initial value, otherwise the
+        shown value.
         """
         if not self.has_position(shown_value):
             return shown_value

@@ -27,9 +27,9 @@ from rockjax.internal import concrete, require_instance, require_number, require
 from ._suite import Values
 from ._targets import AbstractTarget, Name, check_limit
 
-SAFETY_FACTOR = 1.645  # allowance, in standard errors of ln P, that 95 % of independent samples do not exceed
+SAFETY_FACTOR = 1.645  # in 95 % of independent samples, the error of ln P is below this many standard errors
 MAX_SCENES = 10_000_000  # largest number of scenes of an independent sample
-# A structure reuses an independent sample of another one if no parameter differs by a larger relative amount.
+# A structure uses the independent sample of another structure if no parameter differs by more than this [–].
 SAME_STRUCTURE = 1e-3
 
 
@@ -45,9 +45,10 @@ class FailureProbability(AbstractTarget):
 
     The margin is ln k, where k is the factor on the standard normal variables u of the motion with which the
     probability of failure equals `at_most`. For motions without a pulse, k is a factor on the motion. During
-    the search k is computed along rays, half-lines from u = 0 through failing samples of the first structure,
-    which all structures share. The derivatives of k with respect to the design variables follow from the
-    implicit function theorem. The search aims below `at_most` to allow for the scatter between two samples.
+    the search k is computed along rays, half-lines from u = 0 through failing samples of the first structure;
+    the same rays serve all structures. The derivatives of k with respect to the design variables follow from
+    the implicit function theorem. The search aims below `at_most` to allow for the scatter between two
+    samples.
 
     A design is verified by subset simulation with another seed. The probability along the rays is multiplied
     by a factor so that it agrees with this independent sample, and the margin is computed again.
@@ -96,7 +97,7 @@ class FailureProbability(AbstractTarget):
     def margins(self, podium: rj.Podium, options: rj.Options) -> Values:
         """Return the margin (1,) of a structure, from rays sampled for this structure; outside jit and grad.
 
-        `options` has no effect.
+        The margin includes the allowance of a search for scatter. `options` has no effect.
         """
         if any(concrete(y) is None for y in jax.tree.leaves(podium)):
             raise ValueError(
@@ -135,9 +136,9 @@ class RayTarget:
 
     - `target`: the target; `podium`: the structure for which rays are sampled, the first one of a search
 
-    The attributes count the simulated scenes (`scenes`) and store the independent samples (`samples`). The
-    attribute `is_verifying` is True while a design is verified; margins then include no allowance for
-    scatter. Raises `ValueError` if rays cannot be sampled.
+    Attributes: `scenes` is the number of simulated scenes, and `samples` contains the independent samples.
+    `is_verifying` is True while a design is verified; margins then include no allowance for scatter. Raises
+    `ValueError` if rays cannot be sampled.
     """
 
     def __init__(self, target: FailureProbability, podium: rj.Podium):
@@ -168,8 +169,11 @@ class RayTarget:
         )
 
     def _target_probability(self, podium: rj.Podium) -> float:
-        """Return the probability that the rays must give with the factor k: `at_most`, divided by the ratio
-        of the nearest independent sample and, during a search, reduced by an allowance for scatter."""
+        """Return the probability that the rays must give with the factor k.
+
+        This is `at_most` divided by the ratio of the nearest independent sample and, during a search, reduced
+        by an allowance for scatter; at most 0.9.
+        """
         safety = 0.0 if self.is_verifying else self.spread
         return min(self.target.at_most / self._ratio(podium) * math.exp(-safety), 0.9)
 
@@ -186,9 +190,10 @@ class RayTarget:
         return min(self.samples, key=lambda sample: _largest_difference(sample.parameters, parameters)).ratio
 
     def check(self, podium: rj.Podium) -> float | None:
-        """Take an independent sample at a structure, and return by how much it changes the estimate of ln P.
+        """Take an independent sample at a structure, and return the change of ln P at this structure; 0 if
+        the sample has not converged.
 
-        Return None, without sampling, if the structure has been sampled before.
+        Return None, without sampling, if `checked_estimate` has an estimate for the structure.
         """
         if self.checked_estimate(podium) is not None:
             return None
@@ -206,7 +211,8 @@ class RayTarget:
         return math.log(ratio / old_ratio)
 
     def checked_estimate(self, podium: rj.Podium) -> rj.FailureProbability | None:
-        """Return the estimate from the latest independent sample at this structure, None without a sample."""
+        """Return the estimate from the latest independent sample at this structure, or at one that differs by
+        at most `SAME_STRUCTURE`; None without such a sample."""
         parameters = _parameters(podium)
         nearby = [s for s in self.samples if _largest_difference(s.parameters, parameters) <= SAME_STRUCTURE]
         return nearby[-1].estimate if nearby else None

@@ -29,11 +29,11 @@ from ._variables import Structure, Variables, as_podium, make_variables
 # Lengths of successive windows, as fractions of the duration of strong rotation; the last covers all times.
 WINDOWS = (0.15, 0.25, 0.4, 0.6, 1.0)
 STRONG_RATIO = 0.1  # the measured rotation is strong above this fraction of its peak
-# Smallest distance of starting points from the bounds, in scaled variables: at a bound the slope of the
-# transformation is zero.
+# Smallest distance of starting points from the bounds, in scaled variables: at a bound the slope of
+# `_to_unit_interval` is zero, so that a start could not leave the bound.
 MIN_BOUND_DISTANCE = 1e-3
-MAX_STEPS = 40  # steps of the solver in each window
-DRAWS_PER_START = 16  # random points for each start; the best one in the first window is used
+MAX_STEPS = 40  # largest number of steps of the solver in each window
+DRAWS_PER_START = 16  # random points for each start after the first; the best in the first window is used
 
 
 class Fit(Module):
@@ -44,7 +44,7 @@ class Fit(Module):
     - `variables`: name → value, in `units`; `errors`: name → standard error, in `units`, from the Jacobian
       and the scatter of the residuals. All errors are inf if the measurement does not determine every
       variable; the error of a variable at a bound is only a rough indication
-    - `covariance`: covariance matrix of the variables, in the units `units` and the order of `variables`
+    - `covariance`: covariance matrix of the variables, in `units` and in the order of `variables`
     - `residuals`: measured minus fitted θ at each time, shape (n,) [rad]; `rms`: their root mean square [rad]
     - `starts`: `rms` of the fit from every start [rad]; `best`: index of the start with the returned fit;
       `converged`: whether the solver converged in the last window of this start
@@ -123,9 +123,11 @@ def fit(
 
     - `podium`, `vary`: as in [`optimise.design`][]; `podium` is the first start
     - `excitation`: the ground motion of the measurement
-    - `times`: times of the measurement, ascending, n ≥ 2 [s]; `theta`: rotation measured at `times` [rad]
+    - `times`: times of the measurement, ascending, not before the start of the excitation [s]; n ≥ 2, and at
+      least the number of variables
+    - `theta`: rotation measured at `times` [rad]
     - `initial`: the state at the start of the excitation
-    - `starts`: number of starting points, ≥ 1; all but the first are drawn at random
+    - `starts`: number of starting points, ≥ 1; every start after the first is the best of 16 random points
     - `seed`: seed of the random numbers, ≥ 0
     - `options`: options of the simulations; their `history` is the number of steps that a simulation can
       have, and their `throw` is ignored
@@ -211,8 +213,8 @@ class _Scene(Module):
     def residuals(self, x: Float[Array, " k"]) -> Float[Array, " n"]:
         """Return measured minus simulated rotation (n,) [rad] for scaled variables x.
 
-        It is inf if the scene did not finish. The simulated rotation is ±α after overturning, and 0 after the
-        columns have come to rest for good.
+        The residuals are inf if the scene did not finish. The simulated rotation is ±α after overturning, and
+        0 after the columns have come to rest for good.
         """
         podium = self.variables.podium(x)
         response = rj.simulate(
@@ -250,8 +252,8 @@ def _from_unit_interval(x):
 
 @eqx.filter_jit
 def _costs(scene: _Scene, points, weights, peak):
-    """Return the mean square of the weighted residuals of each point [–], (k,); inf if its scene did not
-    finish.
+    """Return the mean square of the weighted residuals of each point [–], shape (k,); inf where the scene did
+    not finish.
 
     - `scene`: the scene; `points`: scaled variables (k, n)
     - `weights`: weights of the times, (times,); `peak`: largest absolute measured rotation [rad], by which
@@ -267,7 +269,7 @@ def _costs(scene: _Scene, points, weights, peak):
 
 @eqx.filter_jit
 def _solve_window(scene: _Scene, z, weights, peak, tolerance):
-    """Fit one window from every start; return the new z, and whether the solver converged for each start.
+    """Fit one window from every start; return z at the end, and whether the solver converged for each start.
 
     - `scene`, `weights`, `peak`: as for `_costs`
     - `z`: transformed variables (starts, n), as from `_from_unit_interval`

@@ -18,7 +18,10 @@ from ._targets import AbstractTarget, Name, check_limit
 
 
 class AbstractFloorTarget(AbstractTarget):
-    """Base class of targets on `systems`, contents or oscillators on floors, under all motions of a suite."""
+    """Base class of targets on contents or oscillators on floors, under all motions of a suite.
+
+    - `limit`: limit of the responses; `suite`: the motions; `systems`: the contents or oscillators
+    """
 
     limit: eqx.AbstractVar[Any]
     suite: eqx.AbstractVar[Suite]
@@ -32,7 +35,7 @@ class AbstractFloorTarget(AbstractTarget):
         return limited_by_overturning((self.limit - values) / self.limit, peaks)
 
     def limited_value(self, answer: Any) -> Values:
-        """Return the responses (k,) of one system to k motions, which `limit` bounds."""
+        """Return the responses (k,) that `limit` bounds, of one system to k motions."""
         raise NotImplementedError
 
     @property
@@ -59,15 +62,15 @@ def _as_tuple(owner: str, name: str, required: type, value: Any) -> tuple[Any, .
 
 
 class ContentsRotation(AbstractFloorTarget):
-    """Contents of floors rotate by at most `limit`·α_c under every motion: max|φ|/α_c ≤ limit.
+    """Contents of floors (blocks that may rock) rotate by at most `limit`·α_c under every motion.
 
     - `limit`: 0 < limit < 1 [–]; `excitations`: a motion or a list of motions
     - `contents`: one or several [`rockjax.Contents`][]; `name`: name in reports; None for a description
 
-    A block with rotation φ and slenderness α_c has the margin (limit − s)/limit with s = max|φ|/α_c. If the
-    block overturns, s = 1 − M, where M < 0 is the overturning margin of the block. If the columns overturn,
-    margins are at most the overturning margin of the columns, which is negative. Raises `ValueError` for
-    invalid arguments.
+    A block with rotation φ and slenderness α_c [rad] has the margin (limit − s)/limit with s = max|φ|/α_c. If
+    the block overturns, s = 1 − M, where M < 0 is the overturning margin of the block. If the columns
+    overturn, margins are at most the overturning margin of the columns, which is negative. Raises
+    `ValueError` for invalid arguments.
     """
 
     limit: Any

@@ -61,7 +61,7 @@ class FreshSamples:
     def records(self, owner: str) -> tuple[Any, ...]:
         """Return the records from which samples are drawn.
 
-        Raises `ValueError`, in the name of `owner`, if they are drawn from a Gaussian motion.
+        Raises `ValueError`, in the name of `owner`, if samples are drawn from a Gaussian motion.
         """
         if not self.members:
             raise ValueError(f"{owner}: FreshSamples must be drawn from records, got {self!r}")

@@ -121,7 +121,8 @@ class WorstPeak(AbstractWorst):
 
 
 class WorstShear(WorstPeak):
-    """The largest shear of the superstructure under one or more motions, divided by its weight [–]."""
+    """The largest shear of the superstructure, divided by its weight, under a motion or a list of motions
+    [–]."""
 
     def __init__(self, excitations):
         super().__init__("peak_shear", excitations)

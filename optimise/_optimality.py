@@ -19,14 +19,14 @@ EvaluatedPoints = list[tuple[Vector, Evaluation]]
 class Optimality(NamedTuple):
     """Multipliers of the margins and residual of the optimality conditions.
 
-    They come from the step that minimises the merit of linear models plus half the squared step length. If
-    the solver finds no step, the multipliers are 0 and the residual is inf.
+    Both come from a test step, which minimises the merit of linear models plus half the squared step length.
+    If the solver finds no test step, the multipliers are 0 and the residual is inf.
 
     - `multipliers`: multipliers (m,) of the margins
-    - `residual`: largest absolute entry of this step, comparable to the norm of a projected gradient; the
-      residual is 0 if and only if the merit is stationary within the bounds
-    - `violation`: violation after this step according to the linear models [–]; without a step, the present
-      violation
+    - `residual`: largest absolute entry of the test step, comparable to the norm of a projected gradient; 0
+      if and only if the merit of the models is stationary within the bounds
+    - `violation`: violation after the test step according to the linear models [–]; without a test step, the
+      present violation
     """
 
     multipliers: Vector
@@ -37,8 +37,9 @@ class Optimality(NamedTuple):
 def linear_models(x: Vector, current: Evaluation, points: EvaluatedPoints) -> Model:
     """Return the linear models for steps from x: one built at x, and one built at each of `points`.
 
-    The models built at `points` are cuts. If a cut predicts a larger objective value at x than `current`, it
-    is lowered to the value of `current`. If it predicts a smaller margin, it is raised to that of `current`.
+    The models built at `points` are cuts. A cut that predicts a larger objective value at x than `current`
+    has is lowered to the value of `current`. A cut that predicts a smaller margin is raised to that of
+    `current`.
 
     - `x`: scaled variables (n,); `current`: evaluation at x; `points`: other evaluated points
     """
@@ -75,8 +76,8 @@ def optimality(
 ) -> Optimality:
     """Return multipliers and residual of the merit at x.
 
-    The merit is first taken to be smooth at x. If x is then not stationary, x may be at a kink, and the
-    models of near points are added.
+    At first only the models built at x are used, as if the merit were smooth at x. If x is then not
+    stationary, x may be at a kink, and the models of near points are added.
 
     - `x`: scaled variables (n,); `current`: evaluation at x; `near_points`: evaluated points near x
     - `weight`: weight of the largest value in the merit; `penalty`: penalty ν of the largest violation

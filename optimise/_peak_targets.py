@@ -152,7 +152,7 @@ def overturning_depths(peaks: rj.Peak, count: int) -> tuple[Array, Float[Array, 
 
 
 class PeakShear(PeakLimit):
-    """The shear V_s of the superstructure is at most `limit` times its weight: max|V_s|/(m_t g) ≤ limit.
+    """The shear V_s of the superstructure is at most `limit` times its weight: max|V_s| ≤ limit·m_t g.
 
     - `limit`: > 0 [–]; `excitations`: a motion or a list of motions; `name`: name in reports, None for a
       description

@@ -91,8 +91,8 @@ def before_after(before: rj.Podium, design: Design, excitation: AnyMotion) -> Fi
     - `before`: the podium before the design; `design`: a result of [`optimise.design`][]
     - `excitation`: the ground motion
 
-    The picture ends with the motion and with rocking, but not later than 60 s after the start. Returns the
-    figure.
+    The picture ends when the motion and rocking have ended, at most 60 s after the start of the motion.
+    Returns the figure.
     """
     check_design("before_after", design)
     require_instance("before_after", "before", before, rj.Podium, "a rockjax.Podium")

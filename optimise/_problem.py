@@ -113,7 +113,8 @@ TARGETS: dict[str, Callable[..., AbstractTarget]] = {
     "overturning-probability": OverturningProbability,
     "failure-probability": FailureProbability,
 }
-POSITIONAL = ("hazard", "pulse", "motion")  # keys whose values are passed by position, after the limit
+# Keys whose values are passed to the class of a target by position, after the limit.
+POSITIONAL = ("hazard", "pulse", "motion")
 
 
 class Quantity(models.Keys):

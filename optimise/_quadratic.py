@@ -73,7 +73,7 @@ def solve(
     - `weight`: weight w of the largest value; `penalty`: penalty ν of the largest violation
     - `lower`, `upper`: bounds of the step d (n,)
     """
-    # The unknowns of the solver are d, the maximum minus `largest_value`, and v.
+    # The unknowns of the solver are d, the maximum after the step minus `largest_value`, and v.
     n, k, m = len(lower), len(model.f), len(model.c)
     largest_value = np.max(model.f)
     quadratic = sparse.block_diag([np.triu(curvature), sparse.csc_matrix((2, 2))], format="csc")

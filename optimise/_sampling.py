@@ -66,7 +66,7 @@ class SampledTargets:
 
     - `variables`: the design variables; `targets`: all targets of the design
 
-    The attribute `targets` maps the index of each sampled target among all targets to this target.
+    The attribute `targets` contains only the sampled targets: index among all targets → target.
     """
 
     def __init__(self, variables: Variables, targets: Sequence[AbstractTarget]):
@@ -122,7 +122,7 @@ class SampledTargets:
         return MarginSlope(at_podium.margin, sum(terms, np.zeros(n)))
 
     def check(self, x: Vector) -> tuple[bool, bool]:
-        """Take an independent sample for each target at a point that has not been sampled.
+        """Take an independent sample at a point for each target that has none there.
 
         Returns whether a sample was taken, and whether a sample differs from the estimate of the search by
         more than the scatter between two samples.

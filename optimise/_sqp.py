@@ -1,15 +1,18 @@
-"""Sequential quadratic programming with an exact penalty, a trust region and cuts from rejected steps.
+"""Sequential quadratic programming with an exact penalty, a trust region and cuts.
 
-The merit is max_i f_i + ν·(largest violation of a margin), where f_i are the values of the objective. The
-penalty of the *largest* violation is exact for finite ν: if ν is large enough, a minimum of the merit
-satisfies the targets. If no point satisfies them, the merit leads to a point with the least violation.
+The objective is the largest of several values f_i. Each c_j is a margin of a target minus the least margin
+that the descent aims at; the margin is violated by −c_j if c_j < 0. The merit is max_i f_i + ν·(largest
+violation). The penalty of the *largest* violation is exact for finite ν: if ν is large enough, a minimum of
+the merit satisfies the targets. If a violation remains although ν is large, the weight of the objective
+becomes 0, and the descent minimises only the violation.
 
 Responses have kinks (a later peak overtakes an earlier one) and jumps (one more impact before overturning).
-The linear models of a rejected trial are stored as cuts: if a response is the maximum of several branches,
-the cut models the branch that takes over. If a cut of the objective exceeds the objective at the current
-point, it is lowered to the value there. If a cut of a margin is below the margin, it is raised. Cuts far from
-the current point are dropped. Every rejected step shrinks the trust region, so a descent at a jump ends with
-the result `stalled`.
+If a response is the maximum of several branches, a linear model describes only the branch that governs where
+the model was built. Models are therefore stored as cuts if they were built at a rejected trial point, or at
+the old point of a step that decreased the merit by much less than predicted. If a cut of a value exceeds this
+value at the current point, the cut is lowered to the value there. If a cut of a margin is below this margin
+at the current point, the cut is raised. Cuts far from the current point are dropped. Every rejected step
+shrinks the trust region, so a descent that cannot pass a jump usually ends with the result `stalled`.
 """
 
 from __future__ import annotations
@@ -25,11 +28,11 @@ from ._quadratic import Model, Step, Vector, solve
 from ._results import CONVERGED, INFEASIBLE, NOT_FINITE, OUT_OF_ITERATIONS, STALLED
 
 MAX_ITERATIONS = 60
-# Least ratios of the actual to the predicted decrease of the merit with which a step is accepted, and with
-# which the trust region is enlarged.
+# A step is accepted if the merit decreases by at least ACCEPT_RATIO times the predicted decrease. The trust
+# region may be enlarged if the merit decreases by more than GOOD_RATIO times the predicted decrease.
 ACCEPT_RATIO, GOOD_RATIO = 1e-3, 0.75
-LARGEST_PENALTY = 1e6  # largest penalty ν
-MAX_CUTS = 12  # largest number of stored cuts
+LARGEST_PENALTY = 1e6  # the penalty ν is raised only while it is below this value
+MAX_CUTS = 12  # largest number of cut points in the models
 MAX_AXIS_SEARCHES = 4  # largest number of searches along the axes, each from the end of a descent
 AXIS_DISTANCES = (0.02, 0.06, 0.2, 0.5)  # distances of the tried points from this end, in scaled variables
 ROUNDING = 1e-11  # relative decreases of the merit below this are taken as rounding errors
@@ -38,9 +41,9 @@ ROUNDING = 1e-11  # relative decreases of the merit below this are taken as roun
 def descend(x: Vector, settings: Settings, history: list[Iterate], start: int, first: int = 0) -> Descent:
     """Minimise the objective from a point: a coroutine that yields points and receives their `Evaluation`s.
 
-    - `x`: first point (n,), in scaled variables; `settings`: scale, margins aimed at, stopping criteria
+    - `x`: first point (n,), in scaled variables; `settings`: settings of the descent
     - `history`: list to which iterates are appended; `start`: index of the starting point, for iterates
-    - `first`: number of the first iteration
+    - `first`: index of the first iteration
 
     Returns the `End`. Responses have ripples, and the set of points that satisfy the targets may be
     disconnected. A descent therefore searches for a better point by changing one variable at a time at its
@@ -81,7 +84,7 @@ def _descend(x: Vector, settings: Settings, history: list[Iterate], start: int, 
 def _search_axes(end: End, settings: Settings) -> Generator[Vector, Evaluation, Vector | None]:
     """Change one variable at a time from an end, and return the best point that is better than the end.
 
-    Larger changes are tried only if no smaller one leads to a better point. Return None if none does.
+    Larger changes are tried only if no smaller one leads to a better point. Return None if no change does.
     """
     best_rank, best_point = rank(end.evaluation), None
     for distance in AXIS_DISTANCES:
@@ -127,8 +130,8 @@ class _Trial(NamedTuple):
 class _DescentState:
     """State of one descent.
 
-    `end_or_reweight`, `advance` and some of the methods that they call return None, or a result code if the
-    descent ends.
+    Methods that may end the descent, such as `end_or_reweight` and `advance`, return its result code, or None
+    if the descent continues.
     """
 
     def __init__(
@@ -145,7 +148,8 @@ class _DescentState:
         self.merit = _Merit(np.eye(len(x)), settings.radius, 10.0, 1.0)
         self.multipliers = np.zeros(len(current.c))
         self.cuts: EvaluatedPoints = []
-        self.is_initial = True  # the curvature is the identity and has not been updated
+        # True until the first update, and from a reset in `_update_bfgs` until the next update.
+        self.is_initial = True
 
     def end(self, result: int) -> End:
         """Return the end of the descent at the current point."""
@@ -172,7 +176,7 @@ class _DescentState:
         )
 
     def linearise(self) -> None:
-        """Build the models around x and evaluate the optimality conditions at x."""
+        """Drop cuts far from x, build the models around x and evaluate the optimality conditions at x."""
         x, current, merit = self.x, self.current, self.merit
         self.cuts = [
             (point, evaluation)
@@ -188,8 +192,10 @@ class _DescentState:
 
     @property
     def is_stationary(self) -> bool:
-        """True if no step decreases the merit, and none removes at least half of a violation."""
-        # Where margins are steep, a step shorter than the tolerance may remove a violation.
+        """True if the residual is at most the tolerance and, where targets are violated, the step whose size
+        is the residual would remove less than half of the violation."""
+        # A small residual is not enough if targets are violated: where margins are steep, even a step shorter
+        # than the tolerance may remove a violation.
         is_correctable = self.is_violated and self.modelled_violation <= 0.5 * self.current.violation
         return self.residual <= self.settings.tolerance and not is_correctable
 
@@ -206,7 +212,8 @@ class _DescentState:
         if merit.weight == 0.0:
             self.record(0.0, False)
             return INFEASIBLE
-        # Stationary with a violation: the penalty is too small, or no point nearby satisfies the targets.
+        # The point is stationary, but violates a target: the penalty is too small, or no point nearby
+        # satisfies the targets.
         if merit.penalty < LARGEST_PENALTY:
             self.merit = merit._replace(penalty=100 * merit.penalty)
         else:
@@ -247,9 +254,10 @@ class _DescentState:
         return None
 
     def drop_distant_cuts(self) -> int | None:
-        """Drop distant cuts and shrink the trust region, because no step decreases the merit.
+        """Drop the cuts that are not near (`points_near`) and shrink the trust region, because no step
+        decreases the merit.
 
-        Return the result of the descent if no cut is distant.
+        Return the result of the descent if all cuts are near.
         """
         if len(self.near_points) < len(self.cuts):
             self.merit = self.merit._replace(radius=0.25 * self.merit.radius)
@@ -267,11 +275,12 @@ class _DescentState:
         return current - modelled, ROUNDING * max(1.0, abs(current))
 
     def decrease_ratio(self, evaluation: Evaluation, predicted: float, rounding: float) -> float:
-        """Return the actual decrease of the merit divided by the predicted one; −inf if a trial point is not
+        """Return the actual decrease of the merit divided by the predicted one; −inf if the evaluation is not
         finite.
 
         - `evaluation`: evaluation of the trial point
-        - `predicted`, `rounding`: as `predict_decrease` returns them
+        - `predicted`, `rounding`: as `predict_decrease` returns them; `rounding` is added to both decreases,
+          so that rounding errors do not reject a step
         """
         if not evaluation.is_finite:
             return -np.inf
@@ -281,8 +290,8 @@ class _DescentState:
     def try_step(
         self, step: Step, predicted: float, rounding: float
     ) -> Generator[Vector, Evaluation, _Trial]:
-        """Try a step. If it is not acceptable and violates the margins by more than the models predict, try a
-        second-order correction of the step."""
+        """Try a step. If the step is not acceptable and violates the margins by more than the models predict,
+        try a second-order correction of the step."""
         d = step.d
         x = np.clip(self.x + d, 0.0, 1.0)
         evaluation = scale_evaluation((yield x), self.settings)
@@ -306,7 +315,10 @@ class _DescentState:
         return _Trial(corrected_x, corrected_evaluation, corrected_ratio)
 
     def accept(self, trial: _Trial, step: Step, step_size: float) -> None:
-        """Move to the trial point, and update curvature, radius and cuts."""
+        """Move to the trial point, and update curvature, radius and cuts.
+
+        The old point becomes a cut if the decrease of the merit was poorly predicted.
+        """
         merit, ratio = self.merit, trial.ratio
         change = _lagrangian_slope(trial.evaluation, step, self.current) - _lagrangian_slope(
             self.current, step, self.current
@@ -323,16 +335,16 @@ class _DescentState:
         self.x, self.current = trial.x, trial.evaluation
 
     def reject(self, trial: _Trial, step_size: float) -> int | None:
-        """Store the trial point as a cut and shrink the trust region.
+        """Store the trial point as a cut if its evaluation is finite, and shrink the trust region.
 
-        Return the result of the descent if the region is then smaller than a tenth of the tolerance.
+        Return the result of the descent if the radius is then at most a tenth of the tolerance.
         """
         if trial.evaluation.is_finite:
             self.cuts.append((trial.x, trial.evaluation))
         self.merit = self.merit._replace(radius=(0.5 if trial.ratio > -1 else 0.25) * step_size)
         if self.merit.radius > 0.1 * self.settings.tolerance:
             return None
-        self.iteration += 1
+        self.iteration += 1  # counts this iteration; `_descend` counts only iterations that do not end it
         return final_result(self.current, self.residual, self.settings)
 
 
@@ -341,9 +353,9 @@ def _step_and_penalty(
 ) -> tuple[Step | None, float]:
     """Return a step and the penalty with which it was computed.
 
-    The penalty is raised, up to `LARGEST_PENALTY`, until the step removes 30 % of the violation that a step
-    within its bounds can remove, or all of the violation if a step can satisfy the modelled margins. The step
-    is None if the solver fails.
+    While the penalty is below `LARGEST_PENALTY`, it is multiplied by 10 until the step removes 30 % of the
+    violation that a step within the bounds can remove or, if such a step can satisfy all modelled margins,
+    until the step satisfies them. The step is None if the solver fails.
 
     - `model`: linear models around the current point; `current`: evaluation at this point
     - `merit`: merit with its curvature, weight and present penalty
@@ -368,8 +380,8 @@ def _step_and_penalty(
 def _lagrangian_slope(trial: Evaluation, step: Step, current: Evaluation) -> Vector:
     """Return the gradient of the Lagrangian at `trial`, with the multipliers of `step`.
 
-    The first multipliers, as many as `current` has values and margins, belong to the models built at the
-    current point; those of cuts are left out.
+    `step` has the multipliers of the models built at the current point, followed by those of cuts. Only the
+    former are used: one for each value and each margin of `current`.
     """
     k, m = len(current.f), len(current.c)
     return step.value_multipliers[:k] @ trial.f_slope - step.margin_multipliers[:m] @ trial.c_slope
@@ -380,7 +392,8 @@ def _update_bfgs(B: np.ndarray, s: Vector, y: Vector, is_initial: bool) -> tuple
 
     - `B`: curvature (n, n), positive definite; `s`: step (n,); `y`: change of the gradient of the Lagrangian
       (n,)
-    - `is_initial`: whether B is the identity and has not been updated; it is then scaled before the update
+    - `is_initial`: whether B is still the identity of the start or of a reset; if the curvature along `s` is
+      positive, B is then scaled before the update
 
     Eigenvalues are limited to [1e-4, 1e4], because the gradient jumps at kinks.
     """

@@ -4,8 +4,8 @@ The search from a starting point (start) ends at the mean of the points of the s
 steps (Polyak–Ruppert averaging). Small batches bias this mean. An independent sample at the mean shows the
 bias. If the sample violates a target, the violation and an allowance for the scatter between two samples are
 added to the margin that the search aims at. If a margin after the first search is larger than needed, the
-margin aimed at is reduced. A shorter search then continues from the mean. A new independent sample follows
-each search.
+margin that the search aims at is reduced. In both cases a shorter search continues from the mean, followed by
+a new independent sample.
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ class FreshSearch:
 
     - `transformation`: an Optax gradient transformation; `evaluate`: evaluates one point of every start
     - `points`: starting points (starts, n), in scaled variables
-    - `tolerance`: margin aimed at initially [–]; `max_iterations`: number of steps of the first search
+    - `tolerance`: margin that the first search aims at [–]; `max_iterations`: number of steps of the first
+      search
     """
 
     def __init__(
@@ -61,8 +62,8 @@ class FreshSearch:
         """Run the search and return whether it was interrupted.
 
         If the search is interrupted, every start ends at the mean of the points in the second half of its
-        latest steps, as far as it has taken these steps. Raises `rockjax.Interrupted` if the first evaluation
-        is interrupted.
+        latest series of steps, as far as these steps were taken, or at its present point if none of them was.
+        Raises `rockjax.Interrupted` if the first evaluation is interrupted.
         """
         try:
             first = self.evaluate(self.x)
@@ -142,11 +143,12 @@ class FreshSearch:
         return np.where(standard_errors > 0, np.hypot(standard_errors, mean_error), 0.0)
 
     def shift_margins(self, is_first: bool) -> np.ndarray:
-        """Correct the margins aimed at, using the independent sample; return which starts continue (s,).
+        """Correct the margins that the search aims at, using the independent sample; return which starts
+        continue (s,).
 
-        The correction leads to a margin equal to the allowance, `SAFETY_FACTOR` standard errors. It applies
-        to violated margins and, after the first search, to margins that exceed twice the allowance although
-        they limit the design (those with multipliers).
+        The correction aims at a sampled margin equal to the allowance, which is `SAFETY_FACTOR` standard
+        errors and at least the tolerance. Violated margins are corrected and, after the first search, also
+        margins that exceed twice the allowance although they limit the design (they have multipliers).
         """
         continuing, steps = np.zeros(len(self.x), bool), self.gradient_steps
         for k, evaluation in enumerate(self.evaluations):

@@ -24,8 +24,8 @@ Values = Float[Array, " k"]
 class Suite(Module):
     """Ground motions of any types, in groups. One compiled loop simulates each group.
 
-    - `groups`: the records in one group (after `merged_with`, in one group for each suite with records); the
-      other motions grouped by type and shape
+    - `groups`: groups of motions of the same type and shape. All records are in one group; after
+      `merged_with`, the records of each suite are in a group of their own
     - `order`: for each motion, its index in the concatenated groups
     - `fresh_samples`: source of the motions if they are drawn anew in every step of a search for a design,
       otherwise None
@@ -107,7 +107,7 @@ class Suite(Module):
         )
 
     def with_records(self, records: rj.Records) -> Suite:
-        """Return a suite with another batch of fresh samples, `records`, as fixed motions."""
+        """Return a suite of `records`, another batch of fresh samples, as fixed motions."""
         return Suite((records,), self.order)
 
     def responses(self, podium: rj.Podium, options: rj.Options, outputs: tuple[Any, ...]) -> rj.Peak:
@@ -163,6 +163,7 @@ def _order(indices: list[list[int]]) -> tuple[int, ...]:
 def _stack_motions(motions: list[Any]) -> rj.AbstractExcitation:
     """Stack the arrays of motions of one type along a new first axis; records become a `rockjax.Records`."""
     if isinstance(motions[0], rj.Record):
+        # Every record gets its own factor, because `_vmap_axes` maps over `scale`.
         table = rj.Records.of(motions)
         return table.scaled(np.ones(len(table)))
     return jax.tree.map(lambda *ys: as_array(array_module(ys).stack(ys)), *motions)
@@ -191,7 +192,7 @@ def _can_merge(a: rj.AbstractExcitation, b: rj.AbstractExcitation) -> bool:
 
 
 def is_same_suite(a: Suite, b: Suite) -> bool:
-    """Return whether two suites hold the same motions."""
+    """Return whether two suites hold the same motions in the same order."""
     if a.order != b.order or jax.tree.structure(a) != jax.tree.structure(b):
         return False
     pairs = zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True)

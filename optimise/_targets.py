@@ -99,7 +99,7 @@ def severity(peaks: rj.Peak, options: rj.Options) -> Values:
 
 
 def check_limit(owner: str, name: str, value, below: float = np.inf) -> None:
-    """Raise `ValueError` unless all values are finite, > 0 and < `below`, and JAX does not trace them.
+    """Raise `ValueError` for traced values, and unless all values are finite, > 0 and < `below`.
 
     - `owner`, `name`: class and argument, for the error message
     - `value`: number or array; `below`: exclusive upper limit
@@ -141,10 +141,10 @@ class OverturningAcceleration(AbstractTarget):
     - `pulse`: class of the pulse, such as `rockjax.Ricker`; `T_p`: one or several periods, > 0 [s]
     - `ratio`: whether `at_least` is in units of g tan α
     - `max_acceleration_ratio`: largest searched amplitude, in units of g tan α, > 0 [–]; it must exceed the
-      amplitude `at_least`. If no searched amplitude overturns the columns, a_ov is the largest searched
-      amplitude, with zero derivatives
-    - `width`: in (0, 0.1); verification misses an interval of overturning amplitudes below the computed a_ov
-      only if it is narrower than `width` times the largest searched amplitude [–]
+      amplitude `at_least`. If no searched amplitude overturns the columns, the largest searched amplitude is
+      used as a_ov, and the derivatives of the margin are zero
+    - `width`: in (0, 0.1); the verification of a design can miss an interval of overturning amplitudes below
+      the computed a_ov only if the interval is narrower than `width` times the largest searched amplitude [–]
     - `name`: name in reports; None for a description
 
     The margin is a_ov/at_least − 1 for every period. Raises `ValueError` for arguments out of range; if
@@ -203,6 +203,7 @@ class OverturningAcceleration(AbstractTarget):
         amplitudes = jax.vmap(least_amplitude)(self.T_p)
         largest = jax.lax.stop_gradient(self.max_acceleration_ratio * g_tan_alpha)
         amplitudes = jnp.where(amplitudes < jnp.inf, amplitudes, largest)
+        # If no amplitude overturns, the derivatives of the margin are zero with either unit of `at_least`.
         limit = self.at_least * (
             jnp.where(amplitudes < largest, g_tan_alpha, jax.lax.stop_gradient(g_tan_alpha))
             if self.ratio
@@ -294,9 +295,10 @@ class OverturningScale(AbstractScaleTarget):
 
     - `at_least`: > 0 [–]; `excitations`: a motion or a list of motions (records, pulses, wavelets)
     - `max_scale`: largest searched factor, > `at_least`; None for 3 times `at_least` [–]. If no searched
-      factor on a motion overturns the columns, its overturning scale is `max_scale`, with zero derivatives
-    - `width`: in (0, 0.1); verification misses an interval of overturning factors below the computed
-      overturning scale only if it is narrower than `width` times `max_scale` [–]
+      factor on a motion overturns the columns, `max_scale` is used as the overturning scale of this motion,
+      with zero derivatives
+    - `width`: in (0, 0.1); the verification of a design can miss an interval of overturning factors below the
+      computed overturning scale only if the interval is narrower than `width` times `max_scale` [–]
     - `name`: name in reports; None for a description
 
     The margin is (overturning scale)/at_least − 1 for every motion. Raises `ValueError` for arguments out of
@@ -371,10 +373,10 @@ class OverturningProbability(AbstractResponseTarget):
     The fraction of n motions that overturns the columns jumps by 1/n and has no useful derivative. The target
     therefore limits the smooth probability P, the mean of Φ(−M/h) over the motions, with the overturning
     margins M and the standard normal distribution function Φ. The margin of the target is the number m with
-    which the mean of Φ((m − M)/h) is `at_most`. It has the sign of at_most − P, and its derivative is useful
-    even where P is almost 0 or 1. In P, a motion with |M| below about 2h counts partly as overturning and
-    partly as surviving; `exact` counts overturned scenes instead. Raises `ValueError` for arguments out of
-    range.
+    which the mean of Φ((m − M)/h) is `at_most`. The number m has the sign of at_most − P, and its derivative
+    is useful even where P is almost 0 or 1. In P, a motion with |M| below about 2h counts partly as
+    overturning and partly as surviving; `exact` counts overturned scenes instead. Raises `ValueError` for
+    arguments out of range.
     """
 
     at_most: Any
@@ -418,7 +420,7 @@ def _smoothed_quantile(values: Values, share, bandwidth) -> Float[Array, ""]:
         is_below = jnp.mean(norm.cdf((middle - constant) / bandwidth)) < share
         return jnp.where(is_below, middle, low), jnp.where(is_below, high, middle)
 
-    # The root lies between the quantiles of the least and of the largest value alone.
+    # If all values were equal, the root would be at the distance `reach` from this value.
     reach = -bandwidth * norm.ppf(jnp.minimum(share, 1 - share))
     bracket = (jnp.min(constant) - reach, jnp.max(constant) + reach)
     root = jax.lax.stop_gradient(jax.lax.fori_loop(0, 60, halve, bracket)[1])

@@ -59,8 +59,8 @@ class Dimensions(Module):
       `residual_height`: as in `rockjax.Podium.from_dimensions` [m]
     - `end_radius`: radius of round ends of the columns [m]
 
-    The names of design variables of a building end with the number of the story, counted from the bottom:
-    `story_mass_1`, `story_stiffness_2` ….
+    Names of design variables of one story end with the number of the story, counted from the bottom, such as
+    `story_mass_1` and `story_stiffness_2`. The first of `positions` is the design variable `position_1`.
 
     Raises `ValueError` for values that do not define a podium.
     """
@@ -253,7 +253,8 @@ def numbers_as_arrays(base: Structure) -> Structure:
     """Turn the Python numbers of an `optimise.Dimensions` into arrays: compiled programs take arrays as
     arguments, but Python numbers as constants.
 
-    Zeros stay Python numbers, because a top mass of exactly 0 means no superstructure.
+    Zeros stay Python numbers, because a zero may mean that a component is absent: a top mass of 0 means no
+    superstructure.
     """
     if isinstance(base, rj.Podium):
         return base
@@ -335,8 +336,8 @@ def parameter(base: Structure, name: str) -> Parameter:
 
 
 def _row_entry(name: str) -> tuple[Parameter | None, int]:
-    """Return the row of dimensions and the position in this row, from 1, that a name such as `story_mass_2`
-    denotes.
+    """Return the row of dimensions, such as `story_masses`, and the position in this row, from 1, that a name
+    such as `story_mass_2` denotes.
 
     Return (None, 0) for a name that denotes no position in a row.
     """

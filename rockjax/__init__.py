@@ -52,7 +52,7 @@ if _jaxlib.__version__.startswith("0.10.") and "xla_disable_hlo_passes" not in _
 # Rocking is chaotic, and rounding errors of 1e-7 (float32) would change results. The default is therefore
 # float64, unless the environment sets another precision.
 if _is_command():
-    # JAX reads the variable on import, also in the worker processes of a sweep.
+    # JAX reads this variable when it is imported, also in the worker processes of a sweep.
     _os.environ.setdefault("JAX_ENABLE_X64", "1")
 else:
     import jax as _jax

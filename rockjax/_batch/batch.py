@@ -47,9 +47,10 @@ CHUNK = 1024  # number of scenes that are prepared together
 QUICK_SCENES_PER_LANE = 5  # least number of quick scenes per lane for which a thread is started
 
 # Values for accelerators, which have far more arithmetic units than a core.
-ACCELERATOR_LANES = (1024, 32768)  # least and largest number of lanes, which is always a power of 2
+ACCELERATOR_LANES = (1024, 32768)  # least and largest number of lanes, a power of 2, unless records are long
 ACCELERATOR_CHUNK = 4  # number of scenes in a chunk, per lane
-ACCELERATOR_VALUES = 2**26  # largest number of samples in all lanes; long records reduce the number of lanes
+# Largest number of samples in all lanes: with long records, the number of lanes is halved until it is met.
+ACCELERATOR_VALUES = 2**26
 
 _BAR_LOCK = threading.Lock()  # several threads and batches may update one progress bar
 
@@ -69,14 +70,15 @@ def peak_responses(
 ) -> Peak:
     """Compute peak responses of a batch of scenes, outside jit, in parallel on all cores or devices.
 
-    Every parameter of `podiums`, `excitations`, `initial` and `t_end` may be an array. The arrays
-    broadcast to the shape of the batch, except for the axis of a `Record`'s samples. `Motions`, and lists
-    of records or of pulses of one class, are a batch of shape (k,).
+    Every parameter of `podiums`, `excitations`, `initial` and `t_end` may be an array. The arrays broadcast
+    to the shape of the batch; the axis of a `Record`'s samples does not count. `Motions`, and lists of k
+    records or of k pulses of one class, are a batch of shape (k,).
 
     Returns a [`rockjax.Peak`][] of NumPy arrays whose first axes have the shape of the batch. If a scene does
-    not finish, `result` contains the reason, a `RuntimeWarning` counts such scenes, and other scenes are not
+    not finish, its `result` is the reason, a `RuntimeWarning` counts such scenes, and other scenes are not
     affected. Ctrl-C stops the batch after the present chunk of scenes on each core or device, and raises
-    [`rockjax.Interrupted`][], a `KeyboardInterrupt` that contains the answers so far.
+    [`rockjax.Interrupted`][], a `KeyboardInterrupt` that contains the answers so far (none if no scene had
+    ended, or during the solution of `on_floors`).
 
     - `podiums`: the structures
     - `excitations`: the ground motions
@@ -148,8 +150,9 @@ def responses(
       `sensitivities`, `on_floors`: as in `peak_responses`
     - `stop`: event that stops the batch once it is set
 
-    Raises [`rockjax.Interrupted`][] with the answers so far (None if no scene has ended) if `stop` is set,
-    also by Ctrl-C, and `ValueError` for invalid inputs.
+    Raises [`rockjax.Interrupted`][] if `stop` is set, also by Ctrl-C, and `ValueError` for invalid inputs.
+    The error contains the answers so far; None if no scene has ended, or if secondary systems are being
+    solved.
     """
     check_types("peak_responses", podiums, options, "podiums")
     check_range("peak_responses", podiums, excitations, None, options)
@@ -177,6 +180,7 @@ def responses(
     if stop.is_set() and not all("code" in integers for _, integers in solutions):
         raise Interrupted("stopped before any scene had ended", None)
     if len(solutions) > 1:
+        # A scene without its second solution has no estimated errors, and counts as unfinished.
         (_, first), (_, second) = solutions
         first["code"][second["code"] == results.INTERRUPTED] = results.INTERRUPTED
     for answer in (answer for solution in solutions for answer in solution):
@@ -227,8 +231,8 @@ def raw_responses(
 class Tally(NamedTuple):
     """Numbers of trials (trial steps), to measure how well the lanes are used."""
 
-    useful: int  # number of trials in lanes with an unfinished scene
-    possible: int  # number of trials in all lanes of a device, with or without a scene
+    useful: int  # number of trials in lanes with an unfinished scene, on all devices
+    possible: int  # number of trials in all lanes of the device with the most trials, with or without a scene
 
 
 def run_batch(
@@ -267,8 +271,8 @@ def run_batch(
         lanes = idle
         while not stopped.is_set():
             if executor.threads > 1 and len(pending) < 2 * executor.threads:
-                # JAX returns before the lanes have advanced. Near the end the thread waits for them, so that
-                # idle threads can take the last chunks.
+                # JAX returns before the lanes have advanced. Near the end the thread waits for its lanes, so
+                # that idle threads can take the last chunks.
                 jax.block_until_ready(lanes)
             with lock:
                 indices = pending.popleft() if pending else NO_SCENES
@@ -314,7 +318,7 @@ class _Answers:
         """Store the scenes that have ended and return their number."""
         done = jax.tree.map(np.asarray, done)
         used = np.reshape(done.used, (-1, 1))
-        # The rows of the devices follow one another. Of each device, the first `used` rows are valid.
+        # The rows of the devices follow one another. The first `used` rows of each device are valid.
         has_devices = used.size > 1
         rows = (
             (np.arange(done.scene_index.size // used.size) < used).ravel()
@@ -325,7 +329,7 @@ class _Answers:
         with self._lock:
             if self._closed:
                 return 0
-            # All devices wait for the device with the most trials.
+            # `trials` has an entry for each device. All devices wait for the device with the most trials.
             self.useful += int(np.sum(done.useful))
             self.possible += int(np.max(done.trials)) * self.lanes
             # The code is written last, so that a scene counts as unfinished if Ctrl-C interrupts the loop.

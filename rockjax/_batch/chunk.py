@@ -3,7 +3,7 @@
 A lane solves one scene at a time; a chunk is a set of scenes that are prepared together. If sensitivities are
 requested, every quantity that depends on the parameters has a second array, its slopes: the derivatives with
 respect to the logarithms of the parameters, with a row for each parameter. `push_forward` evaluates functions
-of scene and state together with the slopes of their results, by the same rules as for one scene.
+of scene and state together with the slopes of their results.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from rockjax._types import Flag
 class LaneLayout(NamedTuple):
     """Layout of the lanes: what is fixed when a program for lanes is compiled, besides the options."""
 
-    axes: tuple[int | None, ...]  # for each leaf of a chunk, 0 if scenes have different rows, else None
+    axes: tuple[int | None, ...]  # for each leaf of a chunk, 0 if it has a row for each scene, else None
     structure: Any  # tree structure of (podium, excitation, initial, t_end)
     lanes: int  # number of lanes
     size: int  # number of scenes in a chunk, a multiple of the lanes
@@ -60,16 +60,21 @@ class LaneDerivatives(NamedTuple):
 
 
 def makes_trials(plan: Plan, options: Options, state: LoopState) -> Flag:
-    """Return whether a lane has trials (trial steps) to make. A rigid podium in full contact (σ = 0) needs
-    none: it is advanced to its next uplift when finished scenes are exchanged."""
+    """Return whether a lane has trials (trial steps) to make.
+
+    A rigid podium in full contact (σ = 0) needs no trials: it is advanced to its next uplift when finished
+    scenes are exchanged.
+    """
     goes_on = is_running(state, options.max_steps)
     return goes_on if plan.follows_contact else goes_on & (state.sigma != 0)
 
 
 def step_functions(plan: Plan, options: Options):
-    """Return two functions (scene, state) ↦ state. The first makes a trial. The second advances a rigid
-    podium in full contact to the next uplift. Both return other states unchanged: those without trials to
-    make, and those that rock or have ended."""
+    """Return two functions (scene, state) ↦ state.
+
+    The first makes a trial, and returns states without trials to make unchanged. The second advances a rigid
+    podium in full contact to the next uplift, and returns all other states unchanged.
+    """
 
     def try_step(scene: Scene, state: LoopState) -> LoopState:
         goes_on = barrier(makes_trials(plan, options, state))
@@ -98,7 +103,7 @@ class Chunk(NamedTuple):
     """Prepared scenes. Quantities that differ between scenes have a row for each scene; quantities that all
     scenes share are stored once."""
 
-    varying: list[Any]  # leaves of `Scene` that vary between scenes
+    varying: list[Any]  # only the leaves of `Scene` that vary between scenes
     common: list[Any]  # leaves of `Scene` that all scenes share; None for leaves that vary
     structure: Any  # tree structure of `Scene`
     states: LoopState  # states at the start
@@ -132,7 +137,7 @@ class Chunk(NamedTuple):
         - `function`: (scene, state) ↦ (floats, other outputs)
         - `varying`, `states`: leaves of the scenes that vary, and states, with a row for each lane
         - `slopes`: derivatives of `varying` and `states`; if None, the returned slopes are also None
-        - `loops`: True if the function contains loops, see `push_forward`
+        - `loops`: True if the function contains loops; passed to `push_forward`
         """
 
         def scene(varying, common) -> Scene:
@@ -211,7 +216,8 @@ def _with_own_states(leaves, layout: LaneLayout) -> tuple[list[Any], tuple[int |
     """Return the leaves of a chunk, with a separate initial state for each scene, and the axes of the leaves.
 
     Derivatives of an initial state may differ between scenes even if its values do not. If all scenes shared
-    one initial state, results of `restart` in the engine would then differ in shape from their derivatives.
+    one initial state, the results of the engine's function `restart` would then differ in shape from their
+    derivatives.
     """
     _, _, initial, _ = jax.tree.unflatten(layout.structure, range(len(leaves)))
     positions = jax.tree.leaves(initial)
@@ -288,8 +294,8 @@ def _differing(function, axes, leaves):
     - `function`: function of the scene's leaves
     - `axes`, `leaves`: arguments for all scenes, and the axes over which `vmap` maps them
     """
-    # Under `vmap`, JAX calls the rule of `probe` with flags that are True for outputs that depend on the
-    # scene.
+    # Under `vmap`, JAX calls the batching rule of `probe`, with flags that are True for outputs that depend
+    # on the scene.
     flags: list[Any] = []
 
     @custom_vmap

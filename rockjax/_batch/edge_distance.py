@@ -3,9 +3,9 @@ scale (a factor) of the ground motion.
 
 At the turning points of the rotation, the overturning margin M and the angular deceleration are extrapolated
 linearly in ln s. The margin reaches zero at the distance M/|∂M/∂ ln s|, where the scene would overturn. Where
-the deceleration reaches zero, the turning point disappears and a different motion follows. The edge distance
-is the smallest distance at which one of the two quantities reaches zero, over all turning points of the
-scene. Turning points with small rotations (large M) are left out, because the derivatives at them grow
+the deceleration reaches zero, the turning point disappears and a different response follows. The edge
+distance is the smallest distance at which one of the two quantities reaches zero, over all turning points of
+the scene. Turning points with small rotations (large M) are left out, because the derivatives at them grow
 without bound while the columns bounce.
 """
 

@@ -1,9 +1,9 @@
 """Exchange of finished scenes: lanes store answers and load the next scenes.
 
 A lane solves one scene at a time. To serve a lane means to store the answers (all outputs) of its finished
-scene and to load the next scene from the chunk, the scenes that were prepared together. The few lanes of a
-CPU are served one after another: only changed rows are copied, and the loop over a chunk compiles to one
-function of machine code. The thousands of lanes of an accelerator are served in parallel.
+scene and to load the next scene of the chunk; a chunk is a set of scenes that were prepared together. The few
+lanes of a CPU are served one after another: only changed rows are copied, and the loop over a chunk compiles
+to one function of machine code. The thousands of lanes of an accelerator are served in parallel.
 """
 
 from __future__ import annotations
@@ -67,7 +67,8 @@ def empty_storage(rows: int, answers: Answers, index_type: Any) -> DoneScenes:
 def exchange_scenes(
     chunk: Chunk, indices: SceneIndices, loop: Loop, ended: Flag, answers: Answers, refill: bool
 ) -> Loop:
-    """Serve all lanes whose scene has ended and, while scenes remain, lanes without a scene.
+    """Serve all lanes whose scene has ended and, as long as scenes of the chunk remain, lanes without a
+    scene.
 
     - `chunk`, `indices`: the chunk of scenes, and their indices in the batch
     - `loop`: state of the loop
@@ -174,8 +175,8 @@ def _load_scenes(chunk: Chunk, lanes: Lanes, load, refill: bool) -> Lanes:
 def _append_answers(done: DoneScenes, ended: Flag, scene_index: jax.Array, answers: Answers) -> DoneScenes:
     """Append the answers of the lanes whose scenes have ended.
 
-    A row is written for every lane. The first rows belong to the lanes whose scenes have ended; the other
-    rows are overwritten later, or ignored.
+    A row is written for every lane. The first rows belong to the lanes whose scenes have ended; the rows
+    after them are overwritten later, or ignored.
     """
     lane_indices, ended_so_far = jnp.arange(ended.size), jnp.cumsum(ended)
     position = jnp.where(ended, ended_so_far - 1, ended.size)

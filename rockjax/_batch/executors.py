@@ -30,7 +30,7 @@ Program = Callable[[Lanes, SceneIndices, bool], tuple[Lanes, DoneScenes]]
 MAX_LAST_TRIALS = 30_000
 UNLIMITED_TRIALS = np.iinfo(np.int32).max
 
-# With AVX-512, this makes the compiler use the full width of the vector unit.
+# On a CPU with AVX-512, this option makes the compiler use the full width of the vector unit.
 _COMPILER_OPTIONS = {"cpu": {"xla_cpu_prefer_vector_width": 512}}
 
 
@@ -47,9 +47,11 @@ class AbstractExecutor(abc.ABC):
 
         - `scenes`, `options`, `layout`: the batch, the options of the solver, and the layout of the lanes
 
-        If no chunk follows, a call of the program ends when all scenes have ended, or after a limited number
-        of trial steps. Successive scenes, which take about the same time, go to different devices, so that
-        all devices end at about the same time. Every device has its own lanes and counters.
+        If another chunk follows and lanes are refilled, a call of the program ends when all scenes of its
+        chunk have been loaded. Otherwise the call ends when all scenes have ended, or on a CPU with refilled
+        lanes after about `MAX_LAST_TRIALS` trial steps at the latest. Successive scenes, which take about the
+        same time, go to different devices, so that all devices end at about the same time. Every device has
+        its own lanes and counters.
         """
 
 

@@ -152,8 +152,8 @@ def _first_edge_distance(layout: LaneLayout) -> jax.Array | None:
 
 
 def _with_swapped_axes(lanes: Lanes) -> Lanes:
-    """Swap the first two axes of the slopes (lanes and parameters). In the loop, lanes are the second axis,
-    which suits vector instructions."""
+    """Swap the first two axes of the slopes (lanes and parameters). Between calls of `advance`, lanes are the
+    first axis; in its loop they are the second, which suits vector instructions."""
     return lanes._replace(slopes=jax.tree.map(lambda y: jnp.moveaxis(y, 1, 0), lanes.slopes))
 
 
@@ -191,7 +191,7 @@ def idle_lanes(scenes: SceneBatch, options: Options, layout: LaneLayout) -> Lane
 
 @functools.lru_cache(maxsize=256)
 def _blank_lanes(shapes, option_types, option_structure, layout: LaneLayout) -> Lanes:
-    """Return lanes without scenes. The result depends only on shapes and types, so that it can be cached."""
+    """Return lanes without scenes. The result can be cached, because it depends only on shapes and types."""
     static = {"option_types": option_types, "option_structure": option_structure, "layout": layout}
     return jax.tree.map(np.asarray, _blank_lanes_program(shapes=shapes, **static))
 

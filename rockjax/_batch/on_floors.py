@@ -62,7 +62,8 @@ def answers_on_floors(
         while True:
             static = {"structure": scenes.structure, "axes": scenes.axes, "capacity": capacity}
             answer = jax.tree.map(np.asarray, _chunk(leaves, systems, options, **static))
-            # `answer` is (floats, (integers, codes)).
+            # `answer` is (floats, (integers, codes)). If the history of a scene is full, the chunk is solved
+            # again with a larger capacity.
             is_full = np.any(answer[1][1][:count] == results.HISTORY_FULL)
             if not is_full or capacity >= options.max_steps + 2:
                 return jax.tree.map(lambda y: y[:count] if y.ndim else np.full(count, y), answer)

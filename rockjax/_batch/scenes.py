@@ -18,7 +18,8 @@ from rockjax._results import State
 from rockjax._structures import Podium
 
 MAX_SORTED_SCENES = 4096  # largest batch that is sorted (see `_order`); larger batches would gain little
-# If a leaf has more values per scene than this (samples of records), each lane solves one scene of a chunk.
+# If a leaf has more values per scene than this (as the samples of records do), each lane solves only one
+# scene of a chunk.
 MAX_REFILL_VALUES = 64
 
 
@@ -52,7 +53,8 @@ class SceneBatch(NamedTuple):
     rows: list[np.ndarray | None]
     structure: Any  # tree structure of the leaves
     total: int  # number of scenes
-    order: np.ndarray | None = None  # position in the grid of the k-th scene to solve; None if it is k
+    # Position in the grid of the k-th scene to solve; None if scenes are solved in the order of the grid.
+    order: np.ndarray | None = None
 
     @property
     def axes(self) -> tuple[int | None, ...]:
@@ -77,7 +79,8 @@ class SceneBatch(NamedTuple):
 
     @property
     def is_wide(self) -> bool:
-        """True if scenes have so much data that a lane solves one scene per chunk (`MAX_REFILL_VALUES`)."""
+        """True if scenes have so much data that a lane solves only one scene of a chunk
+        (`MAX_REFILL_VALUES`)."""
         return self.values_per_scene > MAX_REFILL_VALUES
 
     def in_grid(self, scene_indices: np.ndarray) -> np.ndarray:
@@ -143,8 +146,8 @@ def _order(excitations: AbstractExcitation, shape: tuple[int, ...]) -> np.ndarra
     first.
 
     Return None for large grids, for a single strength, and for motions without a strength. Motions that just
-    lift the columns take longest; strong motions overturn the columns soon. Therefore few lanes are idle at
-    the end of a batch if strong motions come last.
+    lift the columns take longest to solve; strong motions overturn the columns soon, so that their scenes end
+    early. Therefore few lanes are idle at the end of a batch if strong motions come last.
     """
     if math.prod(shape) > MAX_SORTED_SCENES:
         return None
@@ -182,6 +185,7 @@ def own_dimensions(structure, excitations: AbstractExcitation) -> list[int]:
     samples."""
     if not excitations.own_dimensions:
         return [0] * structure.num_leaves
+    # A tree like the arguments, in which the number of axes replaces each leaf. Its modules are frozen.
     podium, motion, *rest = jax.tree.unflatten(structure, [0] * structure.num_leaves)
     for name, dimensions in excitations.own_dimensions.items():
         *path, field = name.split(".")
