@@ -109,7 +109,7 @@ def explain_failures(codes) -> str:
 class Interrupted(KeyboardInterrupt):
     """Raised if Ctrl-C stops a computation.
 
-    - `partial`: the incomplete answer, in the form of the complete one; None if there is no answer yet.
+    - `partial`: the incomplete answer, in the form of the complete one, or None if there is no answer yet.
       Unsolved scenes have the result `interrupted`, and NaN in place of numbers
     """
 

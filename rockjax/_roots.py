@@ -16,7 +16,7 @@ from jaxtyping import Array
 
 MAX_ROUNDS = 64  # largest number of divisions of a bracket
 # `narrow_brackets` evaluates points on both sides of the root of the straight line through the ends. The
-# offset is their typical distance from this root, divided by the length of the bracket.
+# offset is the typical distance of these points from this root, divided by the length of the bracket.
 FIRST_OFFSET = 0.02  # offset in the first round
 OFFSET_FACTOR = 3.0  # offset in later rounds, divided by the expected error of the root
 MAX_OFFSET = 0.03  # brackets with a larger offset are divided into equal parts
@@ -113,9 +113,9 @@ def narrow_brackets(
     - `relative_width`: width to reach, divided by the larger absolute value of the two ends
     - `lanes`: number of points that are evaluated together, in all brackets; at least two in each bracket
 
-    Points on both sides of the root of the straight line through the ends are evaluated, at distances that
-    follow from the error of the previous root. If these distances are large, for example because the function
-    jumps, the bracket is divided into equal parts.
+    The straight line through the ends of a bracket has a root. Points on both sides of this root are
+    evaluated, at distances that follow from the error of the previous root. If these distances are large, for
+    example because the function jumps, the bracket is divided into equal parts.
     """
     a, b, at_a, at_b, output_at_b = brackets = Brackets(*map(np.array, brackets))
     offset = np.full(a.size, FIRST_OFFSET)

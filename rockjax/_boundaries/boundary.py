@@ -237,6 +237,7 @@ def _boundary(podium: Podium, excitation, limit, options: Options, width, uses_m
         varied_indices = [k for k, is_varied in enumerate(varied) if is_varied]
         if all(map(is_concrete, primals)) and set(varied_indices) <= set(positions):
             arguments = jax.tree.unflatten(structure, primals)
+            # The program of the derivatives is loaded or compiled in another thread during the search.
             boundary_gradient.prepare(
                 arguments, np.zeros((), float_type()), positions=positions, uses_margin=uses_margin
             )

@@ -42,8 +42,8 @@ Plane = Callable[[Any, Any], tuple[Podium, AbstractExcitation]]
 
 # Intervals with a larger `curvature_indicator` are refined. In theory an indicator below 1 would suffice.
 MAX_CURVATURE_INDICATOR = 0.1
-REFINEMENT_ROUNDS = 8  # largest number of rounds in which such intervals are refined
-PARTS = 4  # number of parts into which a round divides an interval
+REFINEMENT_ROUNDS = 8  # largest number of rounds that refine curved intervals
+PARTS = 4  # number of parts into which a round divides a curved interval
 MIN_INTERVAL = 1e-6  # intervals shorter than this fraction of the line are not refined
 
 DIP_DIVISIONS = 256  # intervals beside the lowest dips are divided into at least this number of parts
@@ -122,8 +122,9 @@ def scan(
     - `plane`: (x, y) ↦ (podium, excitation)
     - `x`: positions of the lines, shape (lines,)
     - `y_range`: ends of the lines, the same for all
-    - `resolution`: number of equal intervals of each line, whose ends are evaluated first
-    - `options`: options of the scenes that enclose the changes; other scenes are less accurate
+    - `resolution`: number of equal intervals of each line; the ends of these intervals are evaluated first
+    - `options`: options of the scenes at changes and of those with small margins; other scenes are less
+      accurate (`scan_options`)
     - `progress`: `True` for a progress bar, or any object with a method `update(number_of_scenes)`
     - `refine_curved`: True to refine intervals in which the margin is so curved that it may cross zero
       unnoticed; ignored with `first_only`
@@ -219,6 +220,7 @@ def margins(
     overturned, impacts, codes = (integers[name] for name in ("overturned", "impacts", "code"))
     edge_distance = np.zeros(x.shape)
     if has_distances:
+        # The output is a distance in ln y; the factor |y| turns it into a distance in y.
         with np.errstate(invalid="ignore"):
             edge_distance = np.where(
                 np.isnan(floats["edge_distance"]), 0.0, floats["edge_distance"]

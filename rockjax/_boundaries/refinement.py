@@ -209,7 +209,7 @@ def find_dips(solved: SolvedScenes) -> np.ndarray:
 def points_around_dips(
     solved: SolvedScenes, lanes: int, may_open: bool = False
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """Return, for each line, points on both sides of the dips that may be the lowest.
+    """Return, for each line, points on both sides of the dips that may be the lowest (at most `DIPS` dips).
 
     - `solved`: the solved scenes
     - `lanes`: number of scenes that a batch solves together

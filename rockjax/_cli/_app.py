@@ -48,9 +48,9 @@ def about(
     A structure and its ground motion are given by options, by a problem file (TOML), or by both; options
     override the file. Units are SI and radians. `rockjax COMMAND --help` has examples.
 
-    Exit status: 0 = success. 1 = failure: a scene did not finish, no design satisfies the targets, a check by
-    `rockjax report` failed, no fragility curve could be fitted, or a file could not be written. 2 = wrong
-    input. 130 = interrupted.
+    Exit status: 0 = success. 1 = failure: for example, a scene did not finish, no design satisfies the
+    targets, a check by `rockjax report` did not pass, no fragility curve could be fitted, or a file could not
+    be written. 2 = wrong input. 130 = interrupted.
     """
     del version
 

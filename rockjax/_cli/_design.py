@@ -18,7 +18,7 @@ def design(request: Request, console: Console, output: Output = "rockjax-design"
     """Design a podium: minimise an objective over bounded variables, subject to targets.
 
     Prints the variables, and the targets with their margins and shadow prices. Writes OUTPUT.json,
-    OUTPUT-convergence.png and OUTPUT-response.png, the response before and after the design. Options of the
+    OUTPUT-convergence.png and OUTPUT-response.png (the response before and after the design). Options of the
     structure override the problem file. The exit status is 1 if no design satisfies the targets. Ctrl-C keeps
     the best design so far.
 

@@ -12,8 +12,8 @@ import typer
 from rockjax._problem import models
 from rockjax._problem.models import OUTPUT, Flag
 
-# Default values of options by key: for one structure, for a spectrum of several structures (each is drawn in
-# a panel of the picture), and for pulses.
+# Default values of options, by key: SINGLE for one structure, PANEL for the structures of a spectrum (each is
+# drawn in a panel of the picture), PULSE for pulses.
 SINGLE_DEFAULTS = {
     "tan_alpha": 0.15,
     "R": 1.5,
@@ -136,7 +136,7 @@ def accuracy_options(**defaults: Any) -> dict[str, Option]:
 
 
 def _option_type(annotation: Any) -> tuple[Any, Callable[[str, Any], Any], dict[str, Any]]:
-    """Return the Typer type for a key, the function `Option.convert`, and arguments for the key's option.
+    """Return the Typer type for a key, the function `Option.convert`, and keyword arguments of `option`.
 
     `annotation`: type of the key in its model
     """

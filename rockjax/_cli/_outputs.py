@@ -29,7 +29,8 @@ UNSUPPORTED = (
 
 
 class Outputs(NamedTuple):
-    """Paths of the files of a run: PREFIX.nc, PREFIX.png, PREFIX-NAME.png; `format`: suffix of pictures."""
+    """Paths of the files of a run: PREFIX.nc, PREFIX.png, PREFIX-NAME.png. `format` is the suffix of all
+    pictures."""
 
     prefix: Path
     format: str = ".png"

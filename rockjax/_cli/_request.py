@@ -263,7 +263,7 @@ class Request:
         """Return the name of the chosen set of motions.
 
         - `name`: the choice; None for the only set
-        - `key`: key in the command's table, and name of the option, for the choice
+        - `key`: key of the choice in the command's table, and name of the option that sets it
         """
         sets = self.problem.motions
         if name is None and len(sets) > 1:

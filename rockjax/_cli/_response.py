@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 
 def residual_share(podium: rj.Podium) -> float:
-    """Return the share of the superstructure's mass that is in no mode, so that it moves with the beam; 0 for
-    `Rigid`, which has no modes."""
+    """Return the share of the superstructure's mass that is in no mode and moves with the beam; 0 without a
+    superstructure and for `Rigid`, which is not described by modes."""
     superstructure = podium.superstructure
     if superstructure is None or not superstructure.rows:
         return 0.0

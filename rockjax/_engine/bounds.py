@@ -1,8 +1,8 @@
 """Bounds on the remaining motion of a scene, from its energy.
 
 The potential well is the range of rotations from which gravity and restrainers pull the columns back. Columns
-in full contact lift when the uplift demand |q| exceeds its threshold, Eq. (9). Equations without a letter are
-those of docs/model.md. Equations (C…) are in docs/equations.md, (L2) is in docs/floors.md.
+in full contact lift when the uplift demand |q| exceeds the threshold q_up, Eq. (9). Equations without a
+letter are those of docs/model.md. Equations (C…) are in docs/equations.md, (L2) is in docs/floors.md.
 """
 
 from __future__ import annotations

@@ -4,16 +4,15 @@
 all contact modes: for σ = θ = θ̇ = 0 the angle ψ = σα − θ and the motion of the beam, u_b and u̇_b, are zero,
 and Eq. (22) becomes Eq. (4).
 
-A state consists of positions x and velocities v. Both are tuples: (θ,) for rigid podiums, (θ, u) with an
-elastic superstructure, where u is a scalar for one vibration mode and an array (u_1, …, u_n) for several. The
-number of vibration modes is fixed at compilation. The equations are the same for any number; `summed` sums
-over the modes.
+A state consists of positions x and velocities v. The positions are (θ,) for rigid podiums, (θ, u_t) with an
+elastic superstructure. The horizontal displacement u_t of the superstructure is a scalar for one vibration
+mode and an array (u_1, …, u_n) for several. The number of vibration modes is fixed at compilation. The
+equations are the same for any number; `summed` sums over the modes.
 
 The columns lift when the uplift demand |q| exceeds the threshold q_up, Eq. (9).
 
-Restrainers (tendons, dampers, inerters) add forces that depend on an elongation and its rate, (C1), (C8) and
-(C12) of docs/control.md; (C10) is there, too. A podium without restrainers skips them. (L2) is in
-docs/floors.md.
+Restrainers (tendons, dampers, inerters) add forces that depend on an elongation and its rate. A podium
+without restrainers skips these forces. Equations (C…) are in docs/control.md, (L2) is in docs/floors.md.
 """
 
 from __future__ import annotations
@@ -40,7 +39,7 @@ def steady_step(c: Coefficients, restraint: Restraint, theta_dot: Value, theta_d
     - `c`, `restraint`: constants of the podium and of its restrainers
     - `theta_dot`, `theta_ddot`: θ̇ [rad/s] and θ̈ [rad/s²] at the start of the step
 
-    Forces whose slope is infinite at θ̇ = 0 need such steps. The step is proportional to |θ̇/θ̈|, which is
+    Forces whose slope is infinite at θ̇ = 0 need this limit. The step is proportional to |θ̇/θ̈|, which is
     about the time until the columns stop, or the time since they were at rest. Steps thus become
     geometrically shorter towards an instant with θ̇ = 0, and the method keeps its order there. Derivatives
     with respect to parameters stay accurate, too, although the step-size control does not estimate their

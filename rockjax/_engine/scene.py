@@ -61,6 +61,7 @@ def plan_for(
     # A history stores every step, so neither bounces nor samples are skipped. The steps that skip samples
     # have order 8. They are used only if the method of the options has at least order 7.
     eligible = [] if elastic else ["rest"] if history else ["rest", "bounces", *["samples"] * (tab.order > 6)]
+    # Joint forces in skipped parts are computed only without restrainers and without vertical ground motion.
     if (vertical or podium.restrainers) and any(output.needs_simple_contact for output in outputs):
         eligible = []
     names = allowed(outputs, eligible)

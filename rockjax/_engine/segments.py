@@ -3,15 +3,15 @@
 A segment is the motion from one event or breakpoint to the next; the impact map and the other transitions
 apply between segments. This engine accepts any Diffrax solver and serves as a check of the flat engine. Both
 engines share the equations, the transitions, the certificate (the proof that a scene may end) and the search
-for the next uplift of a rigid podium. Diffrax's events alone are not accurate enough, so four corrections are
-made:
+for the next uplift of a rigid podium. Diffrax's events alone are not accurate enough. This engine therefore
+makes four corrections:
 
 - The time of the event according to the interpolant is a first guess. The segment is solved again up to this
   time, and Newton's method finds the event from there.
 - The interpolant is sampled densely. If Diffrax has missed an event because the guard (see `guard.py`) leaves
   its limits and returns within a step, the segment is solved again up to the first sample outside the limits.
 - After an impact or an uplift the guard is exactly zero. The first step is then shorter than the hop (the
-  motion up to the next impact), so that it cannot miss this impact.
+  motion up to the next impact), so that the step cannot miss this impact.
 - The interpolant is used to locate peaks, not to compute them: the segment is solved again up to the time of
   the peak.
 """

@@ -18,15 +18,15 @@ from . import history
 
 
 class Ending(NamedTuple):
-    """Quantities at the end of a scene that bound the motion of floors after it.
+    """Quantities at the end of a scene, from which bounds on the later motion of floors follow.
 
     - `rests`: whether the columns rest for good and the ground motion has ended
-    - `modes`: bound on ∫|ü_i + ü_g| dt of each mode after the end if the columns rest [m/s]; inf for a mode
-      that vibrates without damping
-    - `speed`: |u̇_b| at the end [m/s] of a podium without a vibrating superstructure, without restrainers and
-      with tan α < 1, if the ground motion has ended; otherwise inf
-    - `impact_speed`: under the same conditions, a bound on |u̇_b| just before the next impact [m/s]; otherwise
-      inf
+    - `modes`: for each mode i with the displacement u_i relative to the ground, a bound on ∫|ü_i + ü_g| dt
+      after the end [m/s], valid if `rests` is True; inf for a mode that still vibrates and has a damping
+      ratio of 0
+    - `speed`: horizontal speed |u̇_b| of the beam at the end [m/s]; inf unless the ground motion has ended and
+      the podium has no vibrating superstructure, no restrainers and tan α < 1
+    - `impact_speed`: bound on |u̇_b| just before the next impact [m/s]; inf unless these conditions hold
     - `restitution`: restitution factor e, clipped to [0, 1]
     """
 
@@ -53,14 +53,15 @@ def ending(scene: history.Solved, t) -> Ending:
         zeta = 0.5 * modes.damping / omega
         s = jnp.sqrt(jnp.maximum(1 - zeta**2, 0.0))
         z = jnp.hypot(v[1] + zeta * omega * x[1], s * omega * x[1])
-        # On columns in full contact, |2ζωu̇ + ω²u| ≤ ω|z|e^(−ζωt)/s for each mode.
+        # With |z| of (L5) and s = √(1 − ζ²), a mode on columns in full contact has |2ζωu̇ + ω²u| ≤
+        # ω|z|e^(−ζωt)/s at the time t after the end.
         forces = jnp.where(s > 0, omega * z / jnp.where(s > 0, s, 1.0), jnp.inf)
         stays = weighted(modes.demand, jnp.where(z > 0, forces, 0.0)) < c.uplift
         integrals = jnp.where(zeta > 0, forces / jnp.where(zeta > 0, zeta * omega, 1.0), jnp.inf)
         integrals = jnp.atleast_1d(jnp.where(z > 0, integrals, 0.0))
         return Ending(is_over & (sigma == 0) & stays, integrals, inf, inf, e)
     speed = jnp.abs(beam(c, sigma, x[0], v[0])[1])
-    # The speed |θ̇⁻| of the next impact if no energy is lost before it, ν of (L17).
+    # ν of (L17): the speed |θ̇| just before the next impact if no energy is lost until then.
     nu = jnp.sqrt(v[0] ** 2 + 2 * potential(c, sigma, x[0]) * c.gravity / (c.weight * c.inertia))
     has_bound = is_over & (c.restraint is None) & (c.sin_alpha < c.cos_alpha)
     no_modes = jnp.zeros((0,), t.dtype)
@@ -69,8 +70,8 @@ def ending(scene: history.Solved, t) -> Ending:
 
 
 def bound_after_end(ending: Ending, weights: Any, damping: Any, is_vertical: bool) -> Any:
-    """Bound ∫|a| dt + Σ|Δv| of a floor after the end of a scene, (L16), (L17) [m/s], with its acceleration a
-    and its velocity jumps Δv. The arguments may be traced.
+    """Return a bound on ∫|a| dt + Σ|Δv| after the end of a scene, with the acceleration a and the velocity
+    jumps Δv of a floor, (L16), (L17) [m/s]. The arguments may be traced.
 
     - `ending`: quantities at the end of the scene
     - `weights`: weights W_i of the modes in the motion of the floor, shape (modes,)

@@ -1,4 +1,7 @@
-"""Derivatives of floor motions with respect to the logarithms of named parameters, (L8) of docs/floors.md."""
+"""Derivatives of floor motions with respect to the logarithms of named parameters, (L8) of docs/floors.md.
+
+Bodies, nodes and pieces are those of the module `floor`.
+"""
 
 from __future__ import annotations
 
@@ -102,6 +105,7 @@ def bodies_with_slopes(
 
     def function(factors):
         changed = with_unit_factors(podium, excitation, names, factors)
+        # The derivatives of the nodes are at fixed times; `nodes.t` therefore stays constant.
         move = lambda y, slope: y + jnp.tensordot(factors - 1, slope, axes=1)
         x, v = (jax.tree.map(move, *pair) for pair in ((nodes.x, node_slopes.x), (nodes.v, node_slopes.v)))
         changed_scene = (*changed, nodes._replace(x=x, v=v), end, method, rtol)
@@ -178,8 +182,11 @@ def motions_with_slopes(
 
 
 def _motions(sampled: Bodies, pieces: Pieces) -> PieceMotions:
-    """Return the motion in pieces, or its derivative, from values at the points of the pieces, just before
-    their starts, and at their starts."""
+    """Return the motion in pieces, or its derivative.
+
+    `sampled` has three blocks of values: first at the points of the pieces, then just before the starts of
+    the pieces, then at these starts.
+    """
     size = pieces.start.size
     count = size * POINTS.size
     before, after = sampled.velocities[count:].reshape(2, size, -1)
@@ -205,18 +212,20 @@ def slope_of_load(
     - `direction`: "horizontal" or "vertical"
 
     Let t' and Δv' be the derivatives of the time t of an event and of its velocity jump Δv, and let a⁻ and a⁺
-    be the accelerations of the floor just before and just after it. The derivatives of the velocities just
-    before and just after the event, at a fixed time, differ by Δv' + (a⁻ − a⁺ + jump of ü_g) t'. The velocity
-    jump Δv' + (a⁻ − a⁺) t' in (L8) is this difference minus the jump of ü_g times t'.
+    be the accelerations of the floor just before and just after the event. Velocities are relative to the
+    ground, whereas accelerations are absolute. The derivatives of the velocity at fixed times just before and
+    just after the event therefore differ by Δv' + (a⁻ − a⁺ + jump of ü_g) t'. Without the last term, this
+    difference is Δv' + (a⁻ − a⁺) t', the effect of the floor in (L8). The result has it as `kick`.
     """
     row = in_direction(with_beam(weights), direction)
     row_slope = in_direction(np.append(change, -change.sum()), direction)
-    if direction == "vertical":
+    if direction == "vertical":  # all floors move vertically with the beam, whatever their weights
         row_slope = 0 * row_slope
     terms = slope.motions.terms @ row + motion.terms @ row_slope
     differences = slope.motions.jumps @ row
-    of_beam = motion.jumps[:, -2:] @ row_slope[-2:]
+    of_beam = motion.jumps[:, -2:] @ row_slope[-2:]  # velocities of modes do not jump at impacts
     kick = differences + np.where(pieces.is_impact, of_beam, 0.0)
     kick -= slope.ground[:, int(direction == "vertical")]
-    kick[0] = -load.terms[0, 0] * slope.times[0]  # oscillators start at rest relative to the floor
+    # Oscillators start at rest relative to the floor, so only −a⁺ t' is left at the start.
+    kick[0] = -load.terms[0, 0] * slope.times[0]
     return Load(load.start, load.length, terms, kick, load.kick * slope.times, slope.times)

@@ -37,11 +37,13 @@ class Energies(Module):
     """Balance of energy: initial + input = mechanical + impacts + damping + dampers + residual.
 
     All energies are divided by N m_c, the mass of all columns [m²/s²]. The beam moves by u_b horizontally and
-    by v_b vertically relative to the ground, Eq. (13) of docs/model.md; ℓ is the elongation of a restrainer,
-    (C1) of docs/control.md.
+    by v_b vertically relative to the ground, Eq. (13) of docs/model.md. The superstructure has the
+    displacement u_t, the mass ratio η, the frequency ω_s and the damping ratio ζ; γ is the mass ratio of the
+    beam. A damper has the force C|ℓ̇|^ν, with the elongation ℓ of (C1) in docs/control.md.
 
-    - `mechanical`: kinetic energy relative to the ground, strain energy, and potential energy of gravity and
-      tendons, Eqs. (16) to (19); `initial`: the mechanical energy at the start
+    - `mechanical`: kinetic energy relative to the ground, strain energy of the superstructure, and potential
+      energy of gravity and tendons, Eqs. (16) to (19)
+    - `initial`: the mechanical energy at the start
     - `input`: work of the ground since the start, −∫{ü_g[(½+γ)u̇_b + η u̇_t] + v̈_g w v̇_b} dt with w = ½+γ+η
     - `impacts`: energy lost at impacts since the start, Eqs. (26), (27)
     - `damping`: energy lost in the damper of the superstructure since the start, ∫2ζω_s η (u̇_t − u̇_b)² dt
@@ -67,7 +69,7 @@ Solved = tuple[Podium, AbstractExcitation, Nodes, Value, Any, Any]
 
 
 class _Instant(NamedTuple):
-    """Contact mode, ground acceleration, positions and velocities at one time."""
+    """Contact mode, ground acceleration, positions (θ, then u_i of the modes) and velocities at one time."""
 
     sigma: Value
     ground: Value
@@ -142,7 +144,8 @@ def sample(
     """
     sigma, start = nodes.sigma[k], nodes.t[k]
     piece = nodes.piece[k]
-    # Without a vibrating superstructure, one step in full contact may cover many pieces of the ground motion.
+    # Without a vibrating superstructure, one step in full contact may cover many pieces of the ground motion,
+    # so the piece is the one at t.
     if c.vibration is None:
         piece = jnp.where(sigma == 0, excitation.locate(t), piece)
     ground_at = excitation.piece(piece)
@@ -170,8 +173,8 @@ def constants(
     """Return the constants of the equations of motion.
 
     - `podium`, `excitation`: structure and ground motion of the scene
-    - `rtol`: relative tolerance of the scene, on which the smoothing of steep forces of restrainers depends;
-      None without restrainers
+    - `rtol`: relative tolerance of the scene; it determines at which rates steep forces of restrainers are
+      smoothed. None without restrainers
     - `joints`: whether to include the constants of joint forces
     """
     vertical = isinstance(excitation, GroundMotion)
@@ -227,7 +230,7 @@ def balance(scene: Solved, t, left):
         dampers = () if c.restraint is None else (damper_power(c, c.restraint, sigma, x, v),)
         return instant, (*power(c, *instant), *dampers, energy(c, sigma, x, v))
 
-    # One vectorised step serves all points, because compiling it takes most of the time.
+    # One vectorised step serves all points, because compiling a step takes most of the time.
     abscissae, weights = np.polynomial.legendre.leggauss(POINTS)
     fractions = jnp.asarray(np.append(0.5 + 0.5 * abscissae, 1.0), t.dtype)
     instants, (*powers, energies) = jax.vmap(

@@ -41,8 +41,9 @@ SERIES = {
 
 
 class JointForces(Module):
-    """Forces (T, N) of the joints on the bodies above them, divided by m_c g, with axes of times, columns and
-    joints (bottom, top). If no elevation is given, there is one column, the mean column.
+    """Forces (T, N) of the joints on the bodies above them, divided by the weight m_c g of a column. The axes
+    are times, columns and joints (bottom, top). If no elevation is given, there is one column, the mean
+    column.
 
     - `horizontal`: T in the direction of motion [–]
     - `axial`: N upwards, compression positive [–]
@@ -104,7 +105,7 @@ def impulses_at(scene: history.Solved, times) -> Array:
         time = jnp.where(is_impact, impact_time, nodes.t[0])
         node = history.node_before(nodes, time, is_impact)
         before = history.sample(c, excitation, nodes, method, node, time)
-        x = (jnp.zeros_like(time), *before.x[1:])
+        x = (jnp.zeros_like(time), *before.x[1:])  # θ = 0 at an impact
         state = c, before.sigma, jnp.abs(before.v[0]), sway_of_modes(c, before.sigma, x)
         impulses = of_all_columns(impulses_of_columns, *state, arms=arms)
         return jnp.where(is_impact, jnp.stack([y.T for y in impulses], axis=-1), jnp.nan)
@@ -113,7 +114,7 @@ def impulses_at(scene: history.Solved, times) -> Array:
 
 
 def series_dims(dimensions: int) -> tuple[str, ...]:
-    """Return the dims in a dataset of a quantity of `SERIES` with a number of dimensions."""
+    """Return the dims that a quantity of `SERIES` with this number of dimensions has in a dataset."""
     return ("time",) if dimensions == 1 else ("time", COLUMNS, JOINTS)
 
 

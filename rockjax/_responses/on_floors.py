@@ -44,8 +44,11 @@ OSCILLATOR_ATOL = 1e-4  # factor on `atol` for oscillators, whose displacements 
 
 @dataclasses.dataclass(frozen=True)
 class JoltFriction(AbstractOutput):
-    """The largest friction demand of a block at velocity jumps of the floor, (L15). With
-    the half diagonal R_c of the block, jumps smaller than 2R_c times its rest velocity do not count.
+    """The largest friction demand of a block at velocity jumps of the floor, (L15).
+
+    The horizontal and the vertical velocity of the floor jump by Δv and Δw. Only jumps with |Δv| + |Δw| above
+    2R_c times the rest velocity count, with the half diagonal R_c of the block. The rest velocity is the
+    |θ̇| below which an impact brings the block to rest.
 
     The accumulator (the value so far) is the impulse with the largest angle from the vertical. The note
     (further data) is 1 if the block started to rock at a jump, else 0.
@@ -111,8 +114,8 @@ def _vibrate(
 ):
     """Return the answers of an oscillator, in the form of `_rock` and with corresponding arguments.
 
-    The oscillator is solved as a massless superstructure on a podium that never lifts: its columns are very
-    wide, and its rest velocity is very large.
+    The oscillator is solved as a massless superstructure on a podium that never lifts, because the podium has
+    very wide columns and a very large rest velocity.
     """
     fixed_podium = Podium(
         NEVER_LIFTS, 1.0, superstructure=Elastic(0.0, oscillator.period, oscillator.damping), g=g
@@ -170,8 +173,8 @@ def _on_floors(structures, excitation, initial, t_end, options: Options, *, capa
     """Return the answers of secondary systems on the floors of a scene.
 
     - `structures`: the podium, and the systems on its floors
-    - `excitation`, `initial`, `t_end`, `options`: the scene; if `t_end` is None, the end of
-      `end_with_oscillators`
+    - `excitation`, `initial`, `t_end`, `options`: the scene; if `t_end` is None, the scene ends at the time
+      that `end_with_oscillators` returns
     - `capacity`: number of steps that the history of the floors can hold
     - `reversible`: whether to integrate in loops that reverse mode can differentiate
 
@@ -232,8 +235,9 @@ def _weights_of(podium: Podium, system: Any) -> Values:
 def _stackable(system: Any) -> Any:
     """Return the system in a form that can be stacked with others of its class.
 
-    This needs the same static fields in all systems. `level` and `vertical` therefore become constants; the
-    weights contain their effect. The value of the restitution factor replaces the law of restitution.
+    Only systems with equal static fields can be stacked. `level` and `vertical` therefore become constants;
+    their effect is in the weights of `_weights_of`. The value of the restitution factor replaces the law of
+    restitution.
     """
     system = dataclasses.replace(system, level=DECK)
     if isinstance(system, Contents):
@@ -273,7 +277,7 @@ def answers_on_floors(
 
 def floor_options(options: Options) -> Options:
     """Return options for the history of the floors: with the flat engine, and with the cheap output
-    `"peak_rotation"` alone. The method is dopri8 if the scene has another engine."""
+    `"peak_rotation"` alone. If the given options have another engine, the method becomes dopri8."""
     method = options.method if options.engine == "flat" else "dopri8"
     return options.replace(outputs=("peak_rotation",), engine="flat", method=method)
 

@@ -78,11 +78,12 @@ class AbstractPeak(Module):
       have ended before this number was final. To know the exact number, request `"impacts"` or compute a
       history; otherwise the last bounces of a rigid podium before rest are not simulated, and a formula gives
       their number to within one or two
-    - `peak_deformation`: max|u_t − u_b| [m], 0 if the superstructure is not elastic; if there are several
-      modes, they are along the last axis
+    - `peak_deformation`: peak deformation of the superstructure, max|u_t − u_b| with the displacements u_t of
+      its top mass and u_b of the beam [m]; 0 if there is no elastic superstructure. Several modes are along
+      the last axis
     - `peak_shear`: largest shear at the base of the superstructure divided by its weight, max|V_s|/(m_t g)
-      [–]; 0 if there is no superstructure. Like `peak_floor_acceleration`, it leaves out the impulses at
-      impacts that act on the residual mass, which belongs to no mode
+      [–]; 0 if there is no superstructure. `peak_shear` and `peak_floor_acceleration` leave out the impulses
+      at impacts that act on the residual mass, which belongs to no mode
     - `peak_drift`: largest drift of each story of a building [m]; `peak_floor_acceleration`: largest absolute
       horizontal acceleration of each floor [m/s²]. Both have a last axis of stories from the bottom, and are
       None if there are no stories
@@ -97,8 +98,8 @@ class AbstractPeak(Module):
       J_T and J_N of a joint; `least_impulse_share`: least J_N of a column, divided by the mean J_N of all
       columns [–]
     - `peak_foundation_shear`: largest horizontal force on the foundation, divided by the total weight [–].
-      This answer and those of the joints are None unless requested. Those of the joints are for the worst
-      column, with the bottom and the top joint along the last axis
+      The answers of joints are for the worst column, with the bottom and the top joint along the last axis.
+      They and `peak_foundation_shear` are None unless requested
     - `margin`: overturning margin [–], NaN unless requested: 1 if the columns never lift, 0 on the
       overturning boundary, negative if the columns overturn, and more negative if they fall faster
     - `impacts_before_peak`: number of impacts before the peak rotation. The derivatives of the peak rotation

@@ -62,11 +62,11 @@ _IMPACTS = {
 class Response(AbstractPeak):
     """Time history of one scene: everything in [`rockjax.Peak`][], and the motion.
 
-    `response(t)` returns the state at any times of the scene with the accuracy of the solution. It makes one
-    step of the integration method from the preceding node, the end of an accepted step. At the time of an
-    impact it returns the state after the impact, or with `left=True` the state before. Methods that take
-    times return NaN before the start and after the end of the scene. The history of a rigid podium that has
-    come to rest for good has no end.
+    `response(t)` returns the state at any times of the scene with the accuracy of the solution, by one step
+    of the integration method from the preceding node. Nodes are the ends of the accepted steps. At the time
+    of an impact it returns the state after the impact, or with `left=True` the state before. Methods that
+    take times return NaN before the start and after the end of the scene. The history of a rigid podium that
+    has come to rest for good has no end.
 
     - `impact_times`: times of the impacts [s], ascending; padded with NaN under `jit`
     - `times`: times of the nodes [s]; padded with inf under `jit`
@@ -136,7 +136,8 @@ class Response(AbstractPeak):
             raise ValueError(f"Response.{name}: the superstructure must be an elastic ShearBuilding")
 
     def _over_modes(self, values: Array) -> Array:
-        """Add the axis of modes if the superstructure has this axis but was solved as a single oscillator."""
+        """Add an axis of one mode if the superstructure has such an axis but was solved as a single
+        oscillator, without the axis."""
         top = self.podium.superstructure
         is_missing = top is not None and top.has_mode_axis and not top.resolved().has_mode_axis
         return values[..., None] if is_missing else values
@@ -154,9 +155,12 @@ class Response(AbstractPeak):
     def restoring_moment(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
         """Return the restoring moment divided by its value at uplift [–], at times t [s].
 
-        In full contact the result is −q/q_up ∈ [−1, 1], Eq. (9). While rocking it is the moment of the
-        foundation's vertical forces, (sin ψ/sin α)[1 + (2γ+2η+½)/(2γ+2η+1) v̈_b/g], Eqs. (13), (15), plus the
-        moment of the restrainers, (C22). Without restrainers and vertical inertia, it is about σ − θ/α.
+        In full contact the result is −q/q_up ∈ [−1, 1], with the uplift demand q and its value q_up at
+        uplift, Eq. (9). While rocking it is the moment of the foundation's vertical forces,
+        (sin ψ/sin α)[1 + (2γ+2η+½)/(2γ+2η+1) v̈_b/g] with ψ = σα − θ and the vertical acceleration v̈_b of
+        the beam, Eqs. (13), (15), plus the moment of the restrainers, (C22). A vertical ground acceleration
+        adds v̈_g/g in the brackets. Without restrainers and vertical accelerations, the result is about
+        σ − θ/α.
         """
         return self._values_at(t, "restoring_moment")[0]
 
@@ -199,8 +203,8 @@ class Response(AbstractPeak):
         the time of an impact, these are the forces after the impact, or with `left=True` before it.
 
         If the podium has no elevation, there is one column, the mean column. Forces follow from the motion
-        and do not affect it. After the first time at which a joint is in tension or would slide, they no
-        longer hold.
+        and do not affect it. After the first time at which a joint is in tension or would slide, the
+        forces are no longer valid.
         """
         series = self._joint_series(t, left)
         return JointForces(series["joint_shear"], series["joint_axial_force"])
@@ -209,7 +213,7 @@ class Response(AbstractPeak):
         self, t: Float[ArrayLike, "*times"], left: bool = False
     ) -> Float[Array, "*times columns joints"]:
         """Return the friction demand |T|/N of all joints [–] at times t [s]; inf where a joint is in
-        tension."""
+        tension, 0 where it carries no force."""
         return self._joint_series(t, left)["joint_friction"]
 
     def eccentricity(self, t: Float[ArrayLike, "*times"], left: bool = False) -> Float[Array, "*times"]:
@@ -314,7 +318,7 @@ class Response(AbstractPeak):
         return samples, Energies(*terms, initial=initial)
 
     def _scene(self, with_elevation: bool = False) -> history.Solved:
-        """Return the solved scene as functions of `history` take it; only joint forces need the elevation."""
+        """Return the solved scene in the form of `history.Solved`; only joint forces need the elevation."""
         # The segments engine may use any Diffrax solver, so between the nodes of its history dopri8 is used.
         method = self.options.method if self.options.engine == "flat" else "dopri8"
         at_rest = (self.result == RESULTS.settled) & (not self.podium.vibrates)

@@ -30,11 +30,10 @@ class Sensitivities(Module):
     constant.
 
     - `parameters`: names of the parameters, in the order of the last axis of the following arrays
-    - `peak_rotation` [–], `peak_deformation` [m], `peak_shear` [–], `margin` [–], …: y ∂(…)/∂y of the answer
-      of this name; None if the answer was not requested, does not exist, or has no derivative. Derivatives
-      with respect to parameters of value zero are zero. Axes of modes, stories and joints precede the axis of
-      parameters
-    - `values`: these derivatives by name
+    - `peak_rotation` [–], `peak_deformation` [m], `peak_shear` [–], `margin` [–], …: derivative of the answer
+      of this name with respect to y, times y; zero if y = 0. None if the answer was not requested, does not
+      exist, or has no derivative. Axes of modes, stories and joints precede the axis of parameters
+    - `values`: the same derivatives as a dict by name
     """
 
     parameters: tuple[str, ...] = eqx.field(static=True)

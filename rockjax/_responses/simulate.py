@@ -48,7 +48,7 @@ def peak_response(
     - `excitation`: a pulse, a wavelet, a record, a `Motion`, or any other [`rockjax.AbstractExcitation`][]
     - `initial`: state at the start of the excitation's support
     - `t_end`: latest end of the scene [s]; by default max(30/p, 10 T_s) after the end of the excitation, with
-      the longest period T_s of the superstructure
+      the frequency parameter p of the podium and the longest period T_s of the superstructure
     - `options`: accuracy, requested outputs and limits
     - `on_floors`: light secondary systems on the floors, [`rockjax.Contents`][] and [`rockjax.Oscillator`][],
       one or a sequence of them; their answers are the field `on_floors` of the result, and the other fields

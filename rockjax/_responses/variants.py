@@ -29,7 +29,8 @@ from rockjax._structures import Podium
 from .sensitivities import scalar_fields, with_scalars
 
 _HINTS = {"restitution": "; restitution can vary only in a podium with a factor, such as restitution=0.9"}
-_RATIOS = tuple(name for name, parameter in MOTION.items() if parameter.instead_of)  # instead of a_p or T_p
+# Dimensionless parameters of a pulse, which replace a_p or T_p.
+_RATIOS = tuple(name for name, parameter in MOTION.items() if parameter.instead_of)
 
 
 def labelled_motion(
@@ -53,8 +54,11 @@ def labelled_motion(
 
 
 def pick_motions(motions: AbstractExcitation, which: np.ndarray) -> AbstractExcitation:
-    """Return the motions with the indices `which`, an array of any shape, from a batch of shape (k,). The
-    indices may be floats with integer values, as in a scan of a plane."""
+    """Return the motions with the indices `which`, an array of any shape, from a batch of shape (k,).
+
+    The indices may be floats with integer values, because the scan of a plane passes both coordinates as
+    floats.
+    """
     which = which.astype(np.int32)
     if isinstance(motions, Records | RecordPairs):
         return motions.pick(which)

@@ -22,12 +22,13 @@ from rockjax._types import Value, Vector
 
 
 def damper_power(c: Coefficients, restraint: Restraint, sigma: Value, x: Vector, v: Vector) -> Value:
-    """Return the power that the restrainers dissipate, divided by N m_c; (C/m_c)|ℓ̇|^(1+ν) for dampers
-    [m²/s³].
+    """Return the power that the restrainers dissipate, divided by the mass N m_c of all columns [m²/s³].
+
+    For dampers with the force C|ℓ̇|^ν at the rate ℓ̇ of elongation, this is (C/m_c)|ℓ̇|^(1+ν).
 
     - `c`, `restraint`: constants of the podium and of its restrainers
     - `sigma`: contact mode σ ∈ {−1, 0, 1}
-    - `x`, `v`: positions and velocities
+    - `x`, `v`: positions (θ, then u_i of the modes) and velocities
     """
     rate = elongation(c, sigma, x[0]).lever * v[0] / c.p
     powers = (restrainer.power(rate, restraint.slip) for restrainer in restraint.restrainers)
@@ -43,11 +44,12 @@ def power(
     - `c`: constants of the podium
     - `sigma`: contact mode σ ∈ {−1, 0, 1}
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
-    - `x`, `v`: positions and velocities
+    - `x`, `v`: positions (θ, then u_i of the modes) and velocities
 
     If no restrainers dissipate energy, the mechanical energy changes between impacts at the rate of the first
-    power minus the second. The power of the ground is −ü_g[(½+γ)u̇_b + η u̇_t] − v̈_g w v̇_b, (C18),
-    with w = ½+γ+η. The damper of Eq. (22) dissipates 2ζω_s η (u̇_t − u̇_b)².
+    power minus the second. The power of the ground is −ü_g[(½+γ)u̇_b + η u̇_t] − v̈_g w v̇_b, (C18), with
+    w = ½+γ+η, the velocities u̇_b and v̇_b of the beam and u̇_t of the superstructure. The damper of Eq. (22)
+    dissipates 2ζω_s η (u̇_t − u̇_b)².
     """
     _, beam_rate = beam(c, sigma, x[0], v[0])
     half_and_gamma = 0.5 * c.ground * c.g / c.p**2  # ½+γ
@@ -69,13 +71,14 @@ def restoring_moment(c: Coefficients, sigma: Value, ground: Value | Shaking, x: 
     - `c`: constants of the podium
     - `sigma`: contact mode σ ∈ {−1, 0, 1}
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
-    - `x`, `v`: positions and velocities
+    - `x`, `v`: positions (θ, then u_i of the modes) and velocities
 
-    In full contact the moment balances the uplift demand q: it is −q/q_up, Eq. (9). While rocking, the
-    vertical forces of the foundation act at the edges and carry the weights and the vertical inertia forces:
-    (sin ψ/sin α)[1 + (2γ+2η+½)/(2γ+2η+1) v̈_b/g] with v̈_b of Eq. (15), because the centres of the columns
-    rise half as fast as the beam. At uplift v̈_b = 0, and both expressions equal σ. A vertical ground
-    acceleration adds v̈_g/g in the brackets. Restrainers add forces times lever arms, (C22).
+    In full contact the moment balances the uplift demand q, and the result is −q/q_up, Eq. (9). While
+    rocking, the vertical forces of the foundation act at the edges and carry the weights and the vertical
+    inertia forces. The result is (sin ψ/sin α)[1 + (2γ+2η+½)/(2γ+2η+1) v̈_b/g], with ψ = σα − θ and v̈_b of
+    Eq. (15); the ratio in the brackets is below 1, because the centres of the columns rise half as fast as
+    the beam. At uplift v̈_b = 0, and both formulas give σ. A vertical ground acceleration adds v̈_g/g in the
+    brackets. Restrainers add forces times lever arms, (C22).
     """
     s, _ = sincos(sigma * c.alpha - x[0])
     theta_ddot = acceleration(c, sigma, ground, x, v)[0]

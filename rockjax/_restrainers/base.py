@@ -61,7 +61,7 @@ class AbstractRestrainer(Module):
         return 0.0
 
     def _potential(self, stretch: Value) -> Value | float:
-        """Return the stored energy divided by m_c g R; the energy is zero at zero stretch."""
+        """Return the stored energy divided by m_c g R, relative to the energy at zero stretch."""
         del stretch
         return 0.0
 

@@ -19,7 +19,7 @@ from rockjax._types import Number
 from . import KINDS
 from .base import AbstractRestrainer
 
-NEWTON_STEPS = 40  # number of steps in the search for the stability angle, more than it needs
+NEWTON_STEPS = 40  # number of steps in the search for the stability angle, more than needed
 
 
 def as_restrainers(value) -> tuple[AbstractRestrainer, ...]:
@@ -81,8 +81,8 @@ def stability_angle(alpha: Number, weight: Number, restrainers: Sequence[Abstrac
     - `weight`: w = γ+η+½ [–]
     - `restrainers`: devices of a column
 
-    Up to α, both gravity and restrainers turn the column back. Therefore θ_s lies between α and π/2. There,
-    the restoring moment V' of (C5) decreases through zero at most once.
+    Up to α, both gravity and restrainers turn the column back, so θ_s ≥ α. Between α and π/2, the restoring
+    moment V' of (C5) decreases through zero at most once.
     """
     with_static_force = [device for device in restrainers if device.has_static_force]
     if not with_static_force:

@@ -69,7 +69,7 @@ class Damper(AbstractRestrainer):
         return not self.linear
 
     def _force_per_rate(self, rate: Value, slip: Value) -> Value | float:
-        """Return |r|^(ν−1), the force divided by coefficient and rate, smoothed near zero rate."""
+        """Return |r|^(ν−1) for the rate r: the force divided by coefficient and rate, smoothed near r = 0."""
         if self.linear:
             return 1.0
         return jnp.exp(0.5 * (self.exponent - 1) * jnp.log(rate * rate + slip * slip))

@@ -1,8 +1,8 @@
 """Mean annual frequency of overturning: the integral of a fragility along a hazard curve.
 
 A hazard curve λ(x) is the mean annual rate at which the intensity x of the ground motion is exceeded. A
-fragility F(x), also called P, is the probability of failure at the intensity x. The levels of an incremental
-dynamic analysis are the intensities to which its records are scaled.
+fragility F(x) is the probability of failure at the intensity x. The levels of an incremental dynamic analysis
+are the intensities to which its records are scaled.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ class AnnualFrequency:
     - `frequency`: mean annual frequency λ_f = ∫ F(x) |dλ(x)| [1/year]
     - `extrapolated`: share of `frequency` from intensities outside the range of the hazard curve's points
       and, for an incremental dynamic analysis, from intensities above its highest level [–]
-    - `sensitivities`: d ln λ_f/d ln y for y = `median` and for every structural parameter y whose
-      sensitivities the fragility contains; d ln λ_f/dβ for y = `dispersion`. Empty for an incremental
-      dynamic analysis
+    - `sensitivities`: d ln λ_f/d ln y by name, for the median of the fragility (`"median"`) and for every
+      structural parameter y whose sensitivities the fragility contains. The key `"dispersion"` has d ln
+      λ_f/dβ with the dispersion β. Empty for an incremental dynamic analysis
     """
 
     frequency: Float[Array, ""]
@@ -78,17 +78,17 @@ def annual_frequency(curve: Lognormal | xarray.Dataset, hazard: Hazard) -> Annua
     - `curve`: a [`rockjax.Lognormal`][] in the units of the hazard; or a dataset of [`rockjax.fragility`][],
       [`rockjax.read_fragility_model`][], [`rockjax.contents_fragility`][] or
       [`rockjax.incremental_dynamic_analysis`][]. Limits of a fragility model are applied. A fragility of
-      contents must be reduced to one curve: `data.sel(contents=…, damage_state=…)`. Of an analysis, the share
-      of overturned records is interpolated linearly between the levels, even where it decreases with the
-      level
+      contents must be reduced to one curve: `data.sel(contents=…, damage_state=…)`. For an incremental
+      dynamic analysis, F is the share of overturned records, interpolated linearly between the levels, even
+      where this share decreases with the level
     - `hazard`: a [`rockjax.Hazard`][] of the same intensity measure, in the same units
 
     The integral is evaluated in closed form on every segment of the hazard curve. For a `Lognormal` the
     function works under `jit` and `grad`, with respect to median, dispersion and the points of the hazard.
 
-    Raises `ValueError` for another type of `curve` or `hazard`, if their measures or units differ, and if
-    median or dispersion is not finite and > 0. An incremental dynamic analysis must have at least two levels,
-    and no record may overturn at the lowest level.
+    Raises `ValueError` for another type of `curve` or `hazard`, if a dataset has another measure or other
+    units than the hazard, and if median or dispersion is not finite and > 0. An incremental dynamic analysis
+    must have at least two levels, and no record may overturn at the lowest level.
     """
     owner = "annual_frequency"
     if not isinstance(hazard, Hazard):
@@ -139,7 +139,7 @@ def read_limits(curve: xarray.Dataset) -> integral.Limits:
     """Return the limits of the dataset of a fragility curve, as OpenQuake's engine applies them.
 
     The engine first clips intensities to the range from `min_intensity` to `max_intensity`, and then sets
-    P = 0 up to `no_damage_limit`. The latter has no effect if `min_intensity` is larger.
+    F = 0 up to `no_damage_limit`. If `min_intensity` is larger, `no_damage_limit` therefore has no effect.
     """
     no_damage, lowest, highest = (
         float(curve[name]) if name in curve else None
@@ -154,10 +154,10 @@ def read_limits(curve: xarray.Dataset) -> integral.Limits:
 def _limited_probability(
     curve: Lognormal, x: np.ndarray, limits: integral.Limits, first: float
 ) -> np.ndarray:
-    """Return the probability P of a fragility curve, shape (n,), with limits applied.
+    """Return the values of a fragility curve, shape (n,), with limits applied.
 
-    Below the limit `constant_below`, P is constant, except that P is 0 at intensities below both this limit
-    and the first point of the hazard curve.
+    Below the limit `constant_below`, the fragility is constant, except that it is 0 at intensities below both
+    this limit and the first point of the hazard curve.
 
     - `curve`, `limits`: the fragility curve and its limits
     - `x`: intensities, shape (n,); `first`: first intensity of the hazard curve
@@ -232,7 +232,8 @@ def _frequency_of_analysis(owner: str, analysis: xarray.Dataset, hazard: Hazard)
 def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -> xarray.Dataset:
     """Return the contribution of each intensity to the annual frequency.
 
-    The contribution is the density F(x) |dλ/d ln x| divided by the frequency. Its integral over ln x is 1.
+    The contribution is the density F(x) |dλ/d ln x| divided by the frequency λ_f. The integral of this
+    density over all ln x is 1.
 
     - `curve`: a [`rockjax.Lognormal`][], or a dataset of [`rockjax.fragility`][] or
       [`rockjax.read_fragility_model`][]
@@ -244,7 +245,8 @@ def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -
     the contribution `density` [–], which jumps at points of the hazard curve. `given` holds the rates at the
     points of the hazard curve, over `point`.
 
-    Raises `ValueError` for intensities that are not finite and > 0, and as `annual_frequency` does.
+    Raises `ValueError` for other curves, for intensities that are not finite and > 0, and in the same cases
+    as `annual_frequency`.
     """
     import xarray
 

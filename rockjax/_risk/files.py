@@ -31,7 +31,10 @@ MAX_DEVIATIONS = 7.0
 
 
 def read_hazard(path: str | Path, site: int | None) -> dict[str, Any]:
-    """Return the arguments of `Hazard` from a file; `site`: row of an OpenQuake file, from 0, or None."""
+    """Return the arguments of `Hazard` from a file.
+
+    - `path`, `site`: as for `Hazard.from_file`
+    """
     lines = read_text(path).splitlines()
     rows = [_Row.parse(number, line, _delimiter(lines)) for number, line in enumerate(lines, 1)]
     rows = [row for row in rows if any(row.cells)]
@@ -75,8 +78,8 @@ class _Row(NamedTuple):
         return any(_as_number(cell) is not None for cell in self.cells)
 
     def number(self, path: str | Path, column: int) -> float:
-        """Return the number in the column with this index. Raises `ValueError`, which names file, line and
-        text."""
+        """Return the number in the column with this index. Otherwise raises a `ValueError` that names file,
+        line, column and cell."""
         cell = self.cells[column] if column < len(self.cells) else ""
         number = _as_number(cell)
         if number is None:
@@ -297,10 +300,11 @@ def write_fragility_model(
 
     NRML contains the mean and the standard deviation of the intensity itself, in g (PGA, Sa) or cm/s (PGV).
     For the median m and the dispersion β, `mean` = m e^(β²/2) and `stddev` = mean √(e^(β²) − 1). Limits of a
-    curve that was read from a file are written unchanged. OpenQuake requires minIML and maxIML. A curve
-    without minIML gets 1e-10, a curve without maxIML gets m e^(7β), where 1 − P is 1e-12. Returns the path.
-    Raises `ValueError` for other datasets, for measures other than PGA, PGV and Sa(T s), and unless there is
-    one name for each dataset.
+    curve that was read from a file are written unchanged. OpenQuake requires minIML and maxIML: a curve
+    without minIML gets 1e-10, and a curve without maxIML gets m e^(7β), where 1 − P is 1e-12.
+
+    Returns the path. Raises `ValueError` for other datasets, for measures other than PGA, PGV and Sa(T s),
+    and unless there is one name for each dataset.
     """
     curves = list(fragilities) if isinstance(fragilities, Sequence) else [fragilities]
     names = [f"structure-{k}" for k in range(1, len(curves) + 1)] if names is None else list(names)
@@ -378,8 +382,8 @@ def read_fragility_model(path: str | Path) -> dict[str, xarray.Dataset]:
 
 
 def _number(path: str | Path, name: str, element: ET.Element, key: str) -> float:
-    """Return the number in the attribute `key`; NaN if the element does not have it. Raises `ValueError`,
-    which names file, structure and attribute."""
+    """Return the number in the attribute `key`; NaN if the element does not have this attribute. For other
+    text raises a `ValueError` that names file, structure and attribute."""
     text = element.get(key, "nan")
     try:
         return float(text)

@@ -3,14 +3,16 @@
 The noise has the value w_j = u_j e(t_j) √(2π S₀/dt) in the sampling interval from t_j to t_j + dt. Here u ∈
 ℝⁿ is a vector of independent standard normal numbers, e(t) the envelope, and S₀ the spectral density. The
 noise passes, from rest, through a soil layer with the frequency ω_g and the damping ratio ζ_g, and a
-high-pass filter with ω_f and ζ_f:
+high-pass filter with ω_f and ζ_f. With the relative displacement x and the absolute acceleration a_g of the
+layer, and the state y of the high-pass filter,
 
     ẍ + 2ζ_g ω_g ẋ + ω_g² x = −w,   a_g = −(2ζ_g ω_g ẋ + ω_g² x),
     ÿ + 2ζ_f ω_f ẏ + ω_f² y = a_g,   ü_g(t_j) = ÿ(t_j).
 
 Further filters may follow. All filters are linear, and ü_g(t_j) depends only on earlier noise. Therefore
 ü_g = A u, where A is lower triangular with a zero diagonal. A recurrence computes the product A u in O(n)
-operations; in reverse mode, the product with the transpose of A needs as many.
+operations; in reverse mode, the product with the transpose of A needs as many. A model may also have a random
+pulse, which is added to A u and depends on three further entries of u.
 """
 
 from __future__ import annotations
@@ -118,7 +120,8 @@ def _as_tuple(filters: Any) -> tuple:
 
 
 class GaussianMotion(Module):
-    """Ground motions ü_g = A u of standard normal u (Kanai–Tajimi, Clough–Penzien).
+    """Ground motions ü_g = A u, plus a random pulse if there is one, of standard normal u (Kanai–Tajimi,
+    Clough–Penzien).
 
     - `n`: number of samples, ≥ 2; `dt`: sampling interval, > 0 [s]
     - `S_0`: two-sided spectral density of the white noise, > 0 [m²/s³]
@@ -131,7 +134,7 @@ class GaussianMotion(Module):
     Motions are differentiable with respect to u and every parameter. [`rockjax.synthetic_motions`][] is a
     different model: it filters stationary noise first, and then applies Saragoni & Hart's envelope, a
     correction to end at rest, and a scale factor for PGA. Here the envelope comes before the filters, so
-    velocity and displacement decay without a correction, and ü_g is linear in u, as reliability methods need.
+    velocity and displacement decay without a correction. Without a pulse, ü_g is linear in u.
 
     Raises `ValueError` for parameters outside their ranges.
     """
@@ -237,8 +240,8 @@ class GaussianMotion(Module):
         return jnp.sqrt(variance)
 
     def scaled(self, factor) -> Self:
-        """Return the model whose motions are multiplied by a factor > 0: S₀ is multiplied by the square of
-        the factor, the median amplitude of the pulse by the factor."""
+        """Return the model whose motions are multiplied by a factor > 0. S₀ is multiplied by the square of
+        the factor, and the median amplitude of the pulse by the factor."""
         motion = eqx.tree_at(lambda m: m.S_0, self, self.S_0 * jnp.asarray(factor, float) ** 2)
         if self.pulse is None:
             return motion

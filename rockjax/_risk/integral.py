@@ -23,8 +23,8 @@ class Contributions(NamedTuple):
     """Contributions of parts of a hazard curve to ∫ F |dλ| [1/year].
 
     - `below`: contribution of intensities below the first point of the hazard curve
-    - `between`: contributions of the pieces of the curve between the first and the last point, and of
-      intensities at which limits hold the fragility constant
+    - `between`: contributions of the pieces of the curve between the first and the last point. If there are
+      limits, a last entry has the contribution of intensities at which they hold the fragility constant
     - `above`: contribution of intensities above the last point
     """
 
@@ -40,9 +40,9 @@ class Contributions(NamedTuple):
 class Limits(NamedTuple):
     """Intensities at which a fragility curve is cut off or held constant; None for no limit.
 
-    - `zero_below`: P(x) = 0 up to this intensity
-    - `constant_below`: below this intensity, P has its value at this intensity; None with `zero_below`
-    - `constant_above`: above this intensity, P has its value at this intensity
+    - `zero_below`: F(x) = 0 up to this intensity
+    - `constant_below`: below this intensity, F has its value at this intensity; None with `zero_below`
+    - `constant_above`: above this intensity, F has its value at this intensity
     """
 
     zero_below: Float[ArrayLike, ""] | None = None

@@ -6,8 +6,9 @@ of failure is q(e) = Σ ±Q(r): + where the ray enters failure, − where it lea
 |u| > r (the upper tail of the chi distribution). The mean over all directions is P = E q(e). If motions are
 multiplied by a factor k, the ray has q(e; k) = Σ ±Q(r/k).
 
-The directions of failing samples of a first structure (index 0) have the density q₀/P₀ relative to all
-directions. For another structure, with u multiplied by k, the probability is therefore
+The directions of failing samples of a first structure (index 0) have the density q₀/P₀ relative to the
+uniform distribution of directions. For another structure, with u multiplied by k, the probability is
+therefore
 
     P(k) = P₀ E[q(e; k)/q₀(e)],
 
@@ -63,11 +64,11 @@ class ScaledLimitState(AbstractLimitState):
 
 
 class Rays(NamedTuple):
-    """Directions of rays, with weights such that P(k) ≈ Σ weight·q(e; k).
+    """Directions of rays, with weights such that P(k) ≈ Σ weight·q(e; k) for any structure and factor k.
 
     - `directions`: unit vectors e, shape (m, d)
     - `weights`: about P₀/(m q₀) (large weights are limited), shape (m,)
-    - `factor`: factor k at which the directions were sampled
+    - `factor`: factor k with which the first structure was sampled
     - `cov`: coefficient of variation of the sampled P₀
     - `scenes`: number of scenes that were evaluated
     """
@@ -133,8 +134,8 @@ def sample_rays(limit: AbstractLimitState, probability: float, count: int, cov: 
     )
     e = u[is_failing] / radius[is_failing, None]
     weights = weights[is_failing] / scan.probabilities(factor)[is_failing]
-    # A ray that fails only in a narrow range of r has a large weight. As the range may be wide for another
-    # structure, the weights are limited.
+    # A ray on which failure is limited to a narrow range of r has a large weight. For another structure this
+    # range may be wide, and one ray would then dominate. The weights are therefore limited.
     weights = np.minimum(weights, MAX_WEIGHT * np.median(weights))
     weights *= estimate.probability / float(weights @ scan.probabilities(factor)[is_failing])
     return Rays(e, weights, factor, estimate.cov, limit.scenes - scenes_before)
@@ -190,9 +191,9 @@ def _find_factor(limit: AbstractLimitState, probability: float, rng) -> tuple[fl
 class _RayScan:
     """Extensible scan of rays for crossings with the surface of failure.
 
-    Positions on a ray are exp(`step`·i) for integers `first` ≤ i < `stop`. The attributes `line`, `r` and
-    `survivor` describe the crossings, as `line`, `position` and `survivor` of `LineCrossings` do. The
-    attribute `sign` of a crossing is 1 if the ray enters failure there, and −1 if it leaves failure.
+    Positions on a ray are the distances r = exp(`step`·i) for integers `first` ≤ i < `stop`. The attributes
+    `line`, `r` and `survivor` describe the crossings, as `line`, `position` and `survivor` of `LineCrossings`
+    do. The attribute `sign` of a crossing is 1 if the ray enters failure there, and −1 if it leaves failure.
     """
 
     def __init__(self, limit: AbstractLimitState, directions: np.ndarray, guess: float):
@@ -200,7 +201,7 @@ class _RayScan:
         d = directions.shape[1]
         # Ends of the scanned range of |u|.
         self.ends = float(scipy.stats.chi.ppf(BELOW_SCAN, d)), float(scipy.stats.chi.isf(ABOVE_SCAN, d))
-        # Logarithms of positions are multiples of the step, so positions do not depend on the guess.
+        # Logarithms of positions are multiples of the step, so the guess changes only the range of positions.
         self.step = SPACING / math.sqrt(d)
         self.first = self.stop = math.floor(math.log(self.ends[0] * guess / RANGE_FACTOR) / self.step)
         self.G = np.zeros((len(directions), 0))

@@ -33,16 +33,18 @@ class FailureProbability:
       `"monte-carlo"`, whose interval is exact for any number of scenes
     - `method`: name of the estimator
     - `scenes`: number of evaluations of the limit state, including the search for design points
-    - `effective_sample_size`: effective number of failures in the sample
+    - `effective_sample_size`: effective number of failures; as many independent failures of equal weight
+      would give about the same accuracy
     - `first_order`: probability of the union of the half-spaces α_i·u ≥ β_i, with the directions α_i and the
-      distances β_i of the design points; NaN for methods without design points
+      distances β_i of the design points; for three or more, a lower bound of this probability. NaN for
+      methods without design points
     - `beta`: distances of the design points from the origin, nearest first; empty for methods without design
       points
     - `disagrees`: True if `first_order` is outside the confidence interval and differs from `probability` by
       a factor of 1.5 or more. Then the limit state is far from plane, or a design point was not found
-    - `converged`: True if the estimate reached the requested coefficient of variation, with at least 20
-      effective failures, and is not dominated by a few samples; otherwise the probability may be wrong by a
-      large factor
+    - `converged`: True if the estimate reached the requested coefficient of variation in at least two rounds,
+      with at least 20 effective failures, and is not dominated by a few samples. Otherwise the probability
+      may be wrong by a large factor
     - `sensitivities`: (dP/dy, standard error) by the name of the parameter y, for the limit state of a
       structure and the method `"line"`; else empty
     - `jumps`: share of the surface of failure, weighted by the density of u, across which the limit-state

@@ -34,8 +34,8 @@ class DesignPoint:
     - `u`: point in standard normal space, shape (dimension,)
     - `beta`: reliability index |u|
     - `record`: the motion that u determines, locally the most likely motion that causes failure
-    - `mode`: failure mode, which is the number of impacts (before overturning, if the scene overturns); −1 if
-      the scene did not finish
+    - `mode`: failure mode, which is the number of impacts (before overturning, if the scene overturns). To
+      count them, the scene may have to be solved until the columns rest; −1 if this does not finish
     - `smooth`: True if the vector u is normal to the limit state; otherwise the point is usually at an edge,
       where the failure mode changes
     - `sensitivities`: dβ/dy for every parameter y of structure and ground motion, with the location of y as
@@ -68,20 +68,20 @@ def design_points(
     - `podium`: podium with scalar parameters
     - `motion`: a [`rockjax.GaussianMotion`][]
     - `limit`: `"overturning"`, or a tuple (name, value > 0): failure is a peak ≥ value, or overturning. Names
-      are `"rotation"` (divided by the slenderness α, value < 1), `"friction"` (shear force divided by axial
-      force of a joint), `"unloading"` (loss of axial force of a joint, divided by the dead load),
-      `"foundation shear"` (divided by the total weight), with a superstructure `"shear"` (base shear divided
-      by the weight of the superstructure), with an elastic superstructure `"deformation"` [m], and with a
-      `ShearBuilding` `"drift"` [m] and `"floor acceleration"` [m/s²]. The worst mode, story, floor or joint
-      counts
+      for all podiums are `"rotation"` (divided by the slenderness α, value < 1), `"friction"` (shear force
+      divided by axial force of a joint), `"unloading"` (loss of axial force of a joint, divided by the dead
+      load) and `"foundation shear"` (divided by the total weight). Podiums with a superstructure also have
+      `"shear"` (base shear divided by the weight of the superstructure). Elastic superstructures also have
+      `"deformation"` [m], and an elastic `ShearBuilding` has `"drift"` [m] and `"floor acceleration"` [m/s²].
+      The worst mode, story, floor or joint counts
     - `starts`: number of directions from which searches for design points start, ≥ 1
     - `seed`: seed of the random numbers, ≥ 0; equal seeds give equal results
 
-    Returns the points u on the limit state at which |u| has a local minimum, nearest first. Without a pulse,
-    −u is such a point if u is one. The limit state has edges where the number of impacts before overturning
-    changes, so some minima are at edges. With the reliability index β, Φ(−β) approximates the probability of
-    failure only if the limit state is nearly plane. In hundreds of dimensions it is not nearly plane; use
-    [`rockjax.failure_probability`][] for probabilities.
+    Returns the points u on the limit state at which |u| has a local minimum, nearest first. If `motion` has
+    no pulse, −u is a design point whenever u is one. The limit state has edges where the number of impacts
+    before overturning changes, so some minima are at edges. With the reliability index β, Φ(−β) approximates
+    the probability of failure only if the limit state is nearly plane. In hundreds of dimensions it is not
+    nearly plane; use [`rockjax.failure_probability`][] for probabilities.
 
     Raises `ValueError` for invalid arguments, if a scene does not finish, if the structure fails without any
     motion, and if the search finds no motion that makes the structure fail.
@@ -130,14 +130,15 @@ def failure_probability(
     Scenes are solved in batches on all cores. A rocking structure fails under many moderate motions of no
     particular shape, far from any design point. Methods that sample around design points may miss these
     motions, and then underestimate the probability. If the estimate has not converged, a `RuntimeWarning` is
-    issued, and only `"monte-carlo"` gives an interval. Ctrl-C during sampling raises
-    [`rockjax.Interrupted`][] with the estimate from the rounds so far, or None before the end of the first
-    round.
+    issued, and the result has a confidence interval only with the method `"monte-carlo"`. Ctrl-C during
+    sampling raises [`rockjax.Interrupted`][] with the estimate from the rounds so far, or None before the end
+    of the first round.
 
     With `"line"` the result has `sensitivities`, dP/dy with standard errors for every parameter y of
-    structure and ground motion. They need one reverse pass for each crossing of a line with the surface of
-    failure. They leave out the parts of this surface across which the limit-state function G jumps; the share
-    of these parts is `jumps`.
+    structure and ground motion. The sensitivities need one reverse pass for each crossing of a line with the
+    limit state. Across some parts of the limit state, the limit-state function G (which is ≤ 0 at failure)
+    jumps. The sensitivities leave these parts out; the field `jumps` of the result is their share of the
+    limit state, weighted by the density of u.
 
     Raises `ValueError` for invalid arguments, if a scene does not finish and, if the method needs design
     points, in the same cases as `design_points`.

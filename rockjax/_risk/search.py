@@ -2,15 +2,15 @@
 
 Failure is G ≤ 0, with the limit state function G. For a direction e on the unit sphere, r(e) is the least
 distance at which the ray r·e fails. A design point is a local minimum of r(e). The search stays on the
-surface of failure and does not need a continuous G: where the mode of failure changes, G jumps, but r is
-still defined. Searches from several starting directions advance together:
+surface of failure and does not need a continuous G. Where the mode of failure (for rocking, the number of
+impacts) changes, G jumps, but r is still defined. Searches from several starting directions advance together:
 
 1. At the point r·e the gradient gives the normal a = −∇G/|∇G|, which is the direction of the design point of
    a linear G.
 2. Directions on the way from e to a, and somewhat beyond a, are evaluated, and the one with the least r is
    chosen.
 3. A search ends where e and a agree, or where none of these directions has a smaller r, even close to e.
-   The latter happens at an edge, where G jumps.
+   The second case usually is an edge, where G jumps.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ RAY_POSITIONS = 24  # number of positions on a full ray
 PARTIAL_RAY_POSITIONS = 10
 NARROWING_ROUNDS = 3  # number of rounds in which the interval of the first failure is narrowed
 PARTS = 8  # number of equal parts into which a round divides the interval
-# Evaluated fractions of the way from e to the normal, divided by the best fraction of the previous step. The
-# best direction may lie beyond the normal.
+# Evaluated fractions of the way from e to the normal, divided by the argument `fraction` of `_step`. The best
+# direction may lie beyond the normal.
 FRACTIONS = np.array([1.5, 1.0, 0.5])
 MIN_FRACTION = 1 / 64  # a search ends if it would need a smaller fraction of the way
 ALIGNED = 1e-9  # a search ends if 1 − cos of the angle between e and normal is below this value
@@ -202,13 +202,14 @@ def _descend(limit: AbstractLimitState, e: np.ndarray, r: np.ndarray) -> tuple[n
 
 
 def _step(limit: AbstractLimitState, e, r, normal, fraction) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the nearest failure in directions on the way from each e to its normal: distance, direction, and
-    fraction of the way.
+    """Evaluate directions on the way from each e to its normal, and return the nearest failure: its distance,
+    its direction, and the fraction of the way.
 
     - `limit`: limit state
     - `e`, `r`: directions, shape (s, d), and the distances at which they fail, shape (s,)
     - `normal`: unit normals at these failures, shape (s, d)
-    - `fraction`: best fraction of the previous step, shape (s,)
+    - `fraction`: best fraction of the previous step, or a quarter of its `fraction` if r did not decrease;
+      shape (s,)
     """
     fractions = fraction[:, None] * FRACTIONS
     candidates = _unit(e[:, None, :] + fractions[..., None] * (normal - e)[:, None, :])

@@ -1,8 +1,8 @@
 """Limit states of podiums under Gaussian motions.
 
-A Gaussian motion is ü_g = A u: a fixed matrix A times a vector u of independent standard normal numbers. A
-limit state is a function G(u) that is ≤ 0 if and only if the podium fails. It follows from the simulated
-response to the motion.
+A Gaussian motion is determined by a vector u of independent standard normal numbers. Without a pulse, it is
+ü_g = A u with a fixed matrix A. A limit state is a function G(u) that is ≤ 0 if and only if the podium fails.
+G follows from the simulated response to the motion.
 """
 
 from __future__ import annotations
@@ -42,7 +42,8 @@ OPTIONS = Options(rtol=1e-9, atol=1e-11)
 class Limit(NamedTuple):
     """Definition of failure: a peak reaches a value, or the podium overturns.
 
-    G = 1 − peak/value; if only overturning is failure, G is the overturning margin.
+    G = 1 − peak/value, but at most 0 if the podium overturns. If only overturning is failure, G is the
+    overturning margin.
     """
 
     output: str  # name of the peak in the answer of a scene; "margin" if only overturning is failure
@@ -105,6 +106,7 @@ def parse_limit(owner: str, limit: Any, podium: Podium | None = None) -> Limit:
         if name == "rotation" and float(value) >= 1:
             raise ValueError(f"{owner}: limit 'rotation' must be < 1, got {value!r}; 1 is 'overturning'")
         output = REGISTRY[kind.output] if isinstance(kind.output, str) else kind.output
+        # A peak that can be infinite is replaced by a finite one.
         output, value = output.for_limit(float(value))
         return Limit(output.name, value, name_if_registered(output))
     names = ", ".join(f"({name!r}, value)" for name in LIMITS)
@@ -127,7 +129,8 @@ class StructureLimitState(AbstractLimitState):
         self.options = options.replace(outputs=(limit.request,), throw=False)
 
     def _values(self, u):
-        # The scenes that fill the last batch are at rest and cost almost nothing.
+        # The scenes that fill the last batch have u = 0; without a pulse they stay at rest and cost almost
+        # nothing.
         padded = np.concatenate([u, np.zeros((-len(u) % BATCH, self.dimension))])
         answers = [
             self._batch_values(padded[start : start + BATCH]) for start in range(0, len(padded), BATCH)
@@ -177,7 +180,7 @@ class StructureLimitState(AbstractLimitState):
 
     def _log_slopes(self, u: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
         """Return G (m,), and the derivatives of G with respect to the logarithms of named parameters,
-        (m, names)."""
+        (m, names). Unlike in `values`, overturning alone does not make G ≤ 0 here."""
         peaks = self._peaks(u, names)
         slopes = np.asarray(getattr(peaks.sensitivities, self.limit.output))
         value = np.asarray(getattr(peaks, self.limit.output))

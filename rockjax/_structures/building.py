@@ -30,8 +30,8 @@ class ModalAnalysis(NamedTuple):
     """All modes of a building, retained or not, the lowest first along the last axis."""
 
     omega: Array  # ω_i [rad/s]
-    eta: Array  # mass ratios η_i = Γ_i² M_i
-    shapes: Array  # participation factors times shapes, Γ_i φ_ji; floors j along the last axis but one
+    eta: Array  # mass ratios η_i = Γ_i² M_i, with participation factors Γ_i and modal masses M_i
+    shapes: Array  # Γ_i φ_ji, with the mode shapes φ_ji; floors j along the last axis but one
 
 
 def modal_analysis(masses: Array, stiffnesses: Array) -> ModalAnalysis:
@@ -64,17 +64,17 @@ class ShearBuilding(AbstractSuperstructure):
 
     - `masses`: mass ratios m_j/(N m_c) of the floors, > 0 [–], from the bottom along the last axis
     - `stiffnesses`: stiffness ratios k_j/(N m_c) of the stories below the floors, > 0 [1/s²]
-    - `damping`: damping ratios of the modes, ≥ 0 [–]; one value for all modes, or one for each
+    - `damping`: damping ratios of the modes, ≥ 0 [–]; one value for all modes, or one for each retained mode
     - `modes`: number of lowest modes to retain, 0 … n, by default n. The mass of the other modes moves with
       the beam, and `peak_shear` and `peak_floor_acceleration` omit the impulses of this mass at impacts
     - `heights`: heights of the stories, > 0 [m], for forces in the joints, drift ratios and pictures; None if
       unknown
-    - `retained`: the argument `modes` under the name of the field, for `dataclasses.replace`; ignored if
-      `modes` is given
+    - `retained`: second name of the argument `modes`, for `dataclasses.replace`, which uses the names of the
+      fields; ignored if `modes` is given
 
-    [`rockjax.ShearBuilding.modes`][] returns the retained modes. Peaks and histories include story drifts
-    and floor accelerations. Raises `ValueError` for unequal lengths and for values outside these ranges;
-    traced values are not checked.
+    The property [`rockjax.ShearBuilding.modes`][] holds the retained modes. Peaks include story drifts and
+    floor accelerations, and so do histories if a mode is retained. Raises `ValueError` for unequal lengths
+    and for values outside these ranges; traced values are not checked.
     """
 
     rows: ClassVar[tuple[str, ...]] = ("masses", "stiffnesses", "damping", "heights")

@@ -50,7 +50,8 @@ class Contents(Module):
       block is the same as `"compatible"`
     - `level`: the floor, `"deck"` for the cap beam or the number of a story from the bottom
     - `vertical`: whether the floor's vertical motion acts on the block; practice usually neglects this motion
-    - `overturn_ratio`: rotation |φ|/α_c at which the block counts as overturned, in (0, π/(2α_c)] [–]
+    - `overturn_ratio`: rotation |φ| of the block divided by α_c at which the block counts as overturned, in
+      (0, π/(2α_c)] [–]
 
     Raises `ValueError` for values outside these ranges; traced values are not checked.
     """

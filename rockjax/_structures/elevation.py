@@ -169,8 +169,9 @@ class Arms(Module):
     """An elevation in the form that the engine uses.
 
     - `offsets`: positions of the columns from their mean (N,) [m]
-    - `beam`: γ_b h_b + η_r h_r, the first moment of the masses that move with the beam, per N m_c [m]
-    - `modes`: η_i h_i of the modes [m]; None if nothing vibrates
+    - `beam`: γ_b h_b + η_r h_r [m], the mass ratio of the beam times its height above the columns, plus that
+      of the other masses that move with the beam times theirs
+    - `modes`: mass ratio times height, η_i h_i, of each mode [m]; None if nothing vibrates
     """
 
     offsets: Array

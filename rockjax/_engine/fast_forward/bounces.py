@@ -20,7 +20,7 @@ from rockjax._outputs.views import Bounces
 from rockjax._programs.barrier import barrier
 from rockjax._types import Flag, Index, Value
 
-# The bound on the ground motion covers this multiple of the estimated duration of the bounces.
+# The ground motion is bounded over a time interval of this multiple of the estimated duration of the bounces.
 AHEAD = 2.0
 
 

@@ -24,7 +24,9 @@ class ProbabilityEstimate(NamedTuple):
     probability: float
     standard_error: float
     interval: tuple[float, float]  # confidence interval at `CONFIDENCE`
-    effective: float  # effective number of failures in the sample
+    # Effective number of failures: as many independent failures of equal weight would give about the same
+    # accuracy.
+    effective: float
 
     @property
     def cov(self) -> float:
@@ -36,13 +38,14 @@ class ProbabilitySlopes(NamedTuple):
     """Derivatives of a probability with respect to parameters."""
 
     by_name: dict[str, tuple[float, float]]  # (derivative, standard error) by the name of the parameter
-    # Share of the surface of failure across which G jumps, weighted by the density of u. The derivatives
-    # leave this part out.
+    # Share of the surface of failure across which the limit-state function G jumps, weighted by the density
+    # of u. The derivatives leave this part out.
     jumps: float
 
 
 class AbstractEstimator(abc.ABC):
-    """Estimator of P(G ≤ 0), to which rounds of samples are added until it has converged.
+    """Estimator of P(G(u) ≤ 0), with the limit-state function G of standard normal numbers u. Rounds of
+    samples are added until the estimate has converged.
 
     - `limit`: limit state
     - `points`: design points of the limit state
@@ -93,8 +96,9 @@ class AbstractEstimator(abc.ABC):
 
         - `cov`: coefficient of variation to reach
         - `max_scenes`: number of scenes after which no further round begins
-        - `first`: approximate number of scenes of the first round. The size of later rounds follows from the
-          last estimate; it is at most three times the number of scenes so far
+        - `first`: approximate number of scenes of the first round, except for `Subset`, whose first round has
+          a fixed size. The size of later rounds follows from the last estimate; it is at most three times the
+          number of scenes so far
         - `report`: function that receives the estimate after each round
 
         Returns the last estimate.
@@ -112,7 +116,7 @@ class AbstractEstimator(abc.ABC):
 
 
 class AbstractMean(AbstractEstimator):
-    """Base class for estimators with independent contributions y ≥ 0 and P = E[y]."""
+    """Base class for estimators of P as the mean of independent contributions y ≥ 0."""
 
     def __init__(self, limit, points, rng):
         super().__init__(limit, points, rng)

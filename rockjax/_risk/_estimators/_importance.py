@@ -10,9 +10,9 @@ If failure is unrelated to the design points, as often in rocking, the weights o
 tail: a few samples dominate the sum. The shape k of a generalised Pareto distribution fitted to the largest
 weights detects this (Vehtari et al. 2024): above 0.7, neither the estimate nor its spread is reliable.
 
-A failing sample with a large weight lies far from every design point of the mixture. A search for design
-points starts from this sample. A new design point extends the mixture, and the samples of the old mixture are
-discarded.
+A failing sample with a large weight lies far from every design point of the mixture. A search for further
+design points starts from such samples. If it finds a new one, this point extends the mixture, and the samples
+of the old mixture are discarded.
 """
 
 from __future__ import annotations
@@ -31,16 +31,17 @@ ORIGIN_WEIGHT = 0.1  # weight w_0 of the density around the origin
 BATCH = 4096  # number of samples in memory at once
 # Failures with larger weights are far from all design points; near a design point, weights are about Φ(−β).
 FAR_WEIGHT = 1.0
-SEARCHES = 4  # largest number of starting points of the search in a round
-# The tail is fitted to the largest weights: this factor times √n, but at most a fifth, of the n weights.
+SEARCHES = 4  # largest number of samples from which the search of a round starts
+# The tail is fitted to the largest of the n weights of failing samples: to TAIL_FACTOR·√n of them, but at
+# most to a fifth of them.
 TAIL_FACTOR = 3.0
 MIN_TAIL = 10  # smallest number of weights in the fit; with fewer, the tail is taken to be light
 MAX_SHAPE = 0.7  # largest shape k of a light tail
-MAX_EXTENSIONS = 3  # largest number of extensions of the mixture
+MAX_EXTENSIONS = 3  # largest number of searches for further design points
 
 
 class Importance(AbstractMean):
-    """Importance sampling; `extensions` counts the extensions of the mixture."""
+    """Importance sampling; `extensions` counts the searches that may extend the mixture."""
 
     def __init__(self, limit, points, rng):
         super().__init__(limit, points, rng)

@@ -1,14 +1,16 @@
 """Line sampling: failing segments of random lines parallel to the direction of a design point.
 
-A line with the direction α_i of a design point contributes the normal probability of its failing segments.
-All crossings with the surface of failure count, so survival windows are included. Several design points
-divide space into regions: u belongs to the region of the design point with the largest α_i·u − β_i. Each line
-ends at the boundary of the region, so no failing segment is counted twice or omitted.
+Design point i has the direction α_i and the distance β_i from the origin. A line has the points u + cα_i with
+u normal to α_i. The line contributes the probability that a standard normal c lies in a failing segment. All
+crossings of the line with the surface of failure are used, so survival between failing segments is taken into
+account. Several design points divide space into regions: a point u belongs to the region of the design point
+with the largest α_i·u − β_i. Each line ends at the boundary of the region, so no failing segment is counted
+twice or omitted.
 
 If a parameter y of the structure or the motion changes, the crossings move. The derivative of the probability
 is dP/dy = −E Σ φ(c) (∂G/∂y)/|∂G/∂c|, summed over the crossings c of a line, with the mean E over the lines
-and the standard normal density φ. Where G jumps across zero, the derivatives of G do not determine how the
-crossing moves.
+and the standard normal density φ. Crossings at which G jumps across zero are left out, because the
+derivatives of G do not determine how they move.
 """
 
 from __future__ import annotations
@@ -28,7 +30,7 @@ FINE_STEP, COARSE_STEP = 0.3, 0.8  # largest distance between positions within t
 HALF_LENGTH = 7.5  # a full line extends from c = −HALF_LENGTH to at least HALF_LENGTH; Φ(−7.5) is 3e-14
 LINE_SCENES = 40  # approximate number of scenes for a line
 BATCH = 128  # number of lines in memory at once
-# G counts as jumping at a crossing if |G| on the failing side exceeds this multiple of |∂G/∂c|.
+# G counts as jumping at a crossing unless |G| on the failing side is below this multiple of |∂G/∂c|.
 MAX_RESIDUAL = 1e-3
 
 
@@ -46,7 +48,7 @@ class _Lines(NamedTuple):
     """Lines u + cα parallel to the direction α of a design point. The part with c ≥ `low` is inside the
     region of this design point."""
 
-    u: np.ndarray  # points normal to α, shape (m, d)
+    u: np.ndarray  # vectors normal to α, shape (m, d)
     low: np.ndarray  # least c inside the region, shape (m,)
     region: np.ndarray  # index of the design point, shape (m,)
     line: np.ndarray  # index of the line among the lines of this design point, shape (m,)

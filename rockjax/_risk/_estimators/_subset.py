@@ -4,9 +4,10 @@ The method needs neither derivatives nor design points. Failure is G(u) ≤ 0, w
 of standard normal variables u. A run descends through levels of G. At each level, the samples with the lowest
 G (one twentieth by default) start chains of moves, and a move is accepted if G does not exceed the level.
 Moves follow conditional sampling (Papaioannou et al. 2015): u' = √(1 − s²) u + s ξ with the size s and
-standard normal ξ. Each component moves with probability 1/4. Below 40 components the probability is higher,
-so that ten move on average, or all if there are at most ten. Long moves of few components decorrelate sooner
-than short moves of all. A run ends at the level 0, or without failure after `MAX_LEVELS` levels.
+standard normal ξ. Each component of u moves with probability 1/4. If u has fewer than 40 components, the
+probability is higher, so that ten move on average, or all if there are at most ten. Long moves of few
+components decorrelate the samples sooner than short moves of all. A run ends at the level 0, or without
+failure after `MAX_LEVELS` levels.
 
 The samples of a run are correlated within their chains and across levels. An error estimated from one run
 neglects correlation across levels, and serves only as a lower bound. Therefore several independent runs share
@@ -52,7 +53,7 @@ class _Run(NamedTuple):
 class Subset(AbstractEstimator):
     """Subset simulation.
 
-    - `samples`: number of samples of a level in the first round
+    - `samples`: number of samples of a level in the first round, whatever the size that `round` is given
     - `share`: share of the samples that pass to the next level
     """
 
@@ -147,7 +148,8 @@ class Subset(AbstractEstimator):
         weight /= weight.sum()
         mean = float(weight @ p)
         if mean == 0:
-            # No run reached failure. The upper end is far above share^MAX_LEVELS, on the safe side.
+            # No run reached failure after MAX_LEVELS levels, so P is about share^MAX_LEVELS or less. The
+            # upper end share² of the interval is far above, on the safe side.
             return ProbabilityEstimate(0.0, 0.0, (0.0, self.share**2), 0.0)
         # The variance of a run is proportional to 1/samples. Runs may agree by chance; therefore the error is
         # not less than the variances estimated from each run suggest.
