@@ -8,7 +8,7 @@ are:
 1. A coarse row over the whole range shows up to which scale the columns never lift.
 2. From there, rows at the requested spacing follow up to the first scale that overturns.
 3. A row at full accuracy around this scale checks the change from survival to overturning. If no scale of the
-   row overturns, the search continues above it.
+   row overturns, the search continues above the row.
 4. The lowest minima of the margin (dips) below the change are refined, because an overturning interval
    narrower than the spacing may lie there.
 5. The lowest change is enclosed in ever narrower brackets.

@@ -143,6 +143,7 @@ def _log_slopes(
     podium: Podium, records, rows, a, options: Options, *, pulse, names: tuple[str, ...], uses_margin: bool
 ):
     def slopes_of_row(row: dict[str, Array], a):
+        # `logs`: logarithms of a factor on a and of factors on the parameters
         def residual(logs):
             factors = dict(zip(names, jnp.exp(logs[1:]), strict=True))
             past = a * (1 + JUST_PAST) * jnp.exp(logs[0])

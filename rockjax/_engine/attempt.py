@@ -77,7 +77,7 @@ def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Dec
     constant = jax.lax.stop_gradient
     c, t = divided_by_inertia(scene.c), state.t
 
-    @jax.jit  # traced once for all stages
+    @jax.jit  # JAX traces the function once for all stages of the step
     def field(t, x, v):
         return acceleration(c, state.sigma, ground_at(t), x, v)
 
@@ -123,7 +123,13 @@ def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Dec
 def _length(
     scene: Scene, state: LoopState, theta_ddot: Value, jerk: Value | None, starts_at_zero: Flag, stop: Value
 ) -> tuple[Value, Flag]:
-    """Return the length of the trial [s], and whether the trial ends at the time `stop`."""
+    """Return the length of the trial [s], and whether the trial ends at the time `stop`.
+
+    - `scene`, `state`: the prepared scene, and the state at the start of the step
+    - `theta_ddot`, `jerk`: θ̈ [rad/s²] and d³θ/dt³ [rad/s³] at the start; `jerk` is None to do without it
+    - `starts_at_zero`: True if the step starts rocking from θ = 0
+    - `stop`: time of the next breakpoint or of the end of the scene [s]
+    """
     remaining = stop - state.t
     # The comment at `SPLIT` in scene.py explains how steps divide the remaining time.
     covers_remaining = (state.h > 0.999 * remaining) & (
@@ -207,9 +213,9 @@ def scaled_error(scene: Scene, x: Vector, v: Vector, trial: Step) -> Value:
 def natural_units(c: Coefficients) -> tuple[Vector, Vector]:
     """Return the natural units of positions and velocities, in which tolerances are measured.
 
-    The units of the rotation are α and pα. The unit of a mode's displacement is u = g tan α/ω², a typical
-    deformation at uplift, but at most 2R sin α, the displacement of the beam at |θ| = α. The unit of its
-    velocity is u·max(p, ω).
+    The units of the rotation are α and pα. For a mode with the circular frequency ω, the unit of the
+    displacement is u = g tan α/ω², a typical deformation at uplift, but at most 2R sin α, the displacement of
+    the beam at |θ| = α. The unit of the velocity of the mode is u·max(p, ω).
     """
     x_unit, v_unit = (c.alpha,), (c.p * c.alpha,)
     if c.vibration is not None:

@@ -17,8 +17,8 @@ from .model import elongation
 
 
 def rotational_inertia(c: Coefficients, sigma: Value, theta: Value) -> Value:
-    """Return the factor I of θ̈ in Eq. (24) or, with inerters, (C8), for a superstructure that is fixed to the
-    beam, (C21) [–]."""
+    """Return the factor I of θ̈ in Eq. (24) or, with inerters, (C8) [–]. The superstructure counts as fixed to
+    the beam, as in (C21)."""
     total, mass = c.inertia + c.centrifugal, _apparent_mass(c)
     if mass is None:
         return total

@@ -60,7 +60,7 @@ def blank_nodes(state: LoopState, capacity: int) -> Nodes:
 
 
 def _put(buffers, at: Index, values):
-    """Write values into row `at` of the buffers; indices past the end are dropped."""
+    """Write values into row `at` of the buffers. Values for a row past the end are dropped."""
     return jax.tree.map(lambda b, y: b.at[at].set(y, mode="drop"), buffers, values)
 
 

@@ -152,7 +152,7 @@ def _paths(
     """
     c, sigma = scene.c, state.sigma
     angle = tuple(sigma * y for y in (state.x[0], state.v[0], a0[0], end.x[0], end.v[0], end.a[0]))
-    if not plan.follows_contact:
+    if not plan.follows_contact:  # then trial steps are used only while rocking
         return _through(angle, h, scene.max_step)
 
     def jet(t, x, v, a):

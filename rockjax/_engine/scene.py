@@ -87,8 +87,8 @@ IMPACTS_LATER, MAX_REST_FACTOR, MIN_REST_FACTOR, LITTLE_LOSS = 3, 0.5, 1e-4, 100
 LANDING, MAX_LANDING = 10.0, 0.02
 # If a breakpoint of the ground motion (a jump or kink) is less than two steps away, the first solution takes
 # one step or two equal steps to it. In the second solution, the first of two steps covers a third of the
-# distance, so that the errors differ. The distance is divided even if one step would suffice, unless the
-# proposed step is longer than UNSPLIT_SECOND times the distance.
+# distance, so that the errors differ. The second solution divides the distance even if one step would
+# suffice, unless the proposed step is longer than UNSPLIT_SECOND times the distance.
 SPLIT, SPLIT_SECOND, UNSPLIT_SECOND = 0.5, 1 / 3, 2.0
 LANDING_SECOND = 0.1  # factor on the landing fraction in the second solution, so that landing errors differ
 

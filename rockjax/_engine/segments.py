@@ -338,6 +338,7 @@ def _advanced(path: _Path, plan: Plan, state: LoopState, end: _Arrival) -> LoopS
     raises_peak = mode.rocking & (peak > state.peak)
     accumulators = [jnp.where(raises_peak, peak, state.peak)]
     notes = [jnp.where(raises_peak, peak_time, state.notes[0])]
+    # The first output, the rotation, has just been updated.
     for output, accumulator, note in list(zip(plan.outputs, state.accumulators, state.notes, strict=True))[
         1:
     ]:

@@ -64,7 +64,7 @@ def skip_sample(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
     c, sigma, piece = divided_by_inertia(scene.c), state.sigma, state.piece
     _, dt, count, scale = record.sampling
 
-    @jax.jit  # traced once for all stages
+    @jax.jit  # JAX traces the function once for all stages of the step
     def field(ground: Value, x: Vector, v: Vector) -> Vector:
         return acceleration(c, sigma, ground, x, v)
 
