@@ -53,7 +53,7 @@ def write_dataset(
     path: str | Path, data: xarray.Dataset, groups: Mapping[str, xarray.Dataset] | None = None
 ) -> Path:
     """Write a dataset as a netCDF file, and other datasets as groups of this file, atomically. Return the
-    path."""
+    path. If `data` has no attribute `Conventions`, it is added."""
     data.attrs.setdefault("Conventions", CONVENTIONS)
 
     def write(name: str) -> None:

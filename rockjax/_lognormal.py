@@ -82,8 +82,9 @@ def fit_counts(x: Float[Array, " m"], events: Float[Array, " m"], trials: Float[
     - `trials`: number of all motions at each level, shape (m,)
 
     The result is NaN if the likelihood has no maximum. This is the case if all motions or none cause the
-    event, if no motion that causes the event is at a lower level than one that does not, or if the share of
-    events does not increase with the level. The result is also NaN for a dispersion above `MAX_DISPERSION`.
+    event, if the lowest level with an event is not below the highest level at which a motion does not cause
+    the event, or if the share of events does not increase with the level. The result is also NaN for a
+    dispersion above `MAX_DISPERSION`.
     """
     log = jnp.log(x)
     has_events, has_others = events > 0, events < trials

@@ -45,7 +45,8 @@ from .ratio import safe_ratio
 from .state import Decision, LoopState, Plan, Scene, StepInfo
 from .transitions import after_impact, jolt, past_breakpoint, restart, transition
 
-# A step in full contact ends on a turning point of q if |q| there exceeds this fraction of its threshold.
+# A step in full contact ends on a turning point of the demand q if |q| there exceeds this fraction of the
+# uplift threshold.
 NEAR_UPLIFT = 0.95
 
 
@@ -139,8 +140,8 @@ def _classify(
     if replayed is not None:
         lands = replayed.lands
     # Times of events and breakpoints depend on the parameters. `before` is the time from the start of the
-    # step to the event or breakpoint there, zero in value. `after` is the time from the end of the step to
-    # the event or breakpoint there. Neither is held constant under differentiation.
+    # step to an event or breakpoint at this start; its value is zero. `after` is the time from the end of the
+    # step to an event or breakpoint at this end. Neither is held constant under differentiation.
     newton_correction = safe_ratio(clearance, slope, lands)
     before = state.event_time - constant(state.event_time)
     after = jnp.where(
@@ -200,7 +201,7 @@ def _advance(
     accepted, lands, false_uplift = outcome.accepted, outcome.lands, outcome.false_uplift
     rises = guard.rising_at_end
     hit, toppled, lifted = lands & rocking & ~rises, lands & rocking & rises, lands & ~rocking
-    # The state at the end of the step or at the event.
+    # The state at the end of the step, or at the event on which the step ends.
     x, v = barrier(state_past(scene, state, trial, outcome.after))
     hit, toppled, lifted = barrier((hit, toppled, lifted))
     piece, stamp, now, shift = barrier(_times(scene, state, trial, outcome))

@@ -94,8 +94,9 @@ class AbstractExcitation(Module):
 
     @abc.abstractmethod
     def piece(self, index: Index) -> Callable[[Value], Value]:
-        """Return the formula t ↦ ü_g of a piece. With n breakpoints, `index` is from 0 to n. The piece
-        reaches from breakpoint `index` − 1 to breakpoint `index`, and the formula is valid at both ends."""
+        """Return the formula t ↦ ü_g of a piece. For n breakpoints, `index` is from 0 to n, and the piece
+        reaches from breakpoint `index` − 1 to breakpoint `index`; the formula is valid at both ends. A
+        `GroundMotion` has another numbering."""
 
     @abc.abstractmethod
     def lookahead(self, threshold: Value | None) -> AbstractLookahead:

@@ -1,4 +1,5 @@
-"""Provenance of the records of a result: name, source, sampling, PGA and checksum, as attributes of files."""
+"""Provenance of the records of a result: name, source, sampling, PGA and checksum, as attributes of result
+files."""
 
 from __future__ import annotations
 

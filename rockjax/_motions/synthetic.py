@@ -1,7 +1,8 @@
 """Synthetic ground motions: filtered white noise with an envelope, optionally with a velocity pulse.
 
 Kanai (1957) and Tajimi (1960) filter white noise with a soil layer of frequency ω_g and damping ratio ζ_g.
-The high-pass filter of Clough & Penzien (1993), with ω_f and ζ_f, makes velocity and displacement finite.
+The high-pass filter of Clough & Penzien (1993), with the frequency ω_f and damping ratio ζ_f, makes velocity
+and displacement finite.
 With the spectral density S_0 of the white noise, the filtered noise has the spectral density S(ω):
 
     S(ω)/S_0 = (1 + 4ζ_g² r²)/((1 − r²)² + 4ζ_g² r²) · s⁴/((1 − s²)² + 4ζ_f² s²),  r = ω/ω_g, s = ω/ω_f.

@@ -24,8 +24,9 @@ Pairs = tuple[tuple[Value, Value], ...]  # largest −N/(m_c g) and largest N/(m
 @dataclasses.dataclass(frozen=True)
 class AxialForce(AbstractJointOutput):
     """The least and the largest axial force N/(m_c g) at the bottom and the top joint, over time and over all
-    columns, (F8) [–], with the mass m_c of a column; compression is positive. If the least force is
-    negative, a joint would open, and the model no longer holds.
+    columns, (F8) [–], with the mass m_c of a column; compression is positive. If the podium has no
+    `elevation`, only the mean force of the columns is known and used. If the least force is negative, a joint
+    would open, and the model no longer holds.
 
     The accumulator (the value up to the present time) contains the largest −N/(m_c g) and the largest
     N/(m_c g) of each joint.

@@ -172,12 +172,13 @@ class AbstractOutput:
         raise NotImplementedError
 
     def over_sample(self, sample: Sample, accumulator: Any) -> Flag | bool:
-        """Return whether the accumulator stays the same in a sampling interval. Otherwise the interval is not
-        skipped, but solved by trial steps."""
+        """Return whether the accumulator certainly stays the same in a sampling interval. Otherwise the
+        interval is not skipped, but solved by trial steps."""
         raise NotImplementedError
 
     def over_bounces(self, bounces: Bounces, accumulator: Any) -> Flag | bool:
-        """Return whether the accumulator stays the same in bounces. Otherwise no bounces are skipped."""
+        """Return whether the accumulator certainly stays the same in bounces. Otherwise the bounces are not
+        skipped."""
         raise NotImplementedError
 
     def is_final(self, bounds: Bounds, accumulator: Any) -> Flag | bool:

@@ -19,9 +19,9 @@ from .views import Bounces, Ended, Moment, Rest, Sample, Start, Step, deck_accel
 
 @dataclasses.dataclass(frozen=True)
 class PeakDeckAcceleration(AbstractOutput):
-    """The peak absolute horizontal acceleration of the deck (the beam) sup|a_b|, (L1) [m/s²]. It includes the
-    values just before and just after events, but not the impulses of impacts. A rigid superstructure moves
-    with the deck.
+    """The peak absolute horizontal acceleration of the deck (the beam) sup|a_b|, (L1) [m/s²]. The peak
+    includes the values just before and just after events, but not the impulses of impacts. A rigid
+    superstructure moves with the deck.
 
     `is_final` uses the bound |ü_g| + 2R(|θ̈| + θ̇²|sin ψ|) of |a_b| (`Bounds.beam`), with ψ = σα − θ. The
     energy limits θ̇² and the spring forces, and by Eq. (24) also θ̈.

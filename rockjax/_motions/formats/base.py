@@ -243,7 +243,8 @@ def fixed_width(path: Path, lines: list[str], start: int, count: int, text: str)
     """Return numbers in columns of fixed width, which may touch.
 
     - `path`, `lines`: path and lines of the file
-    - `start`: index of the first line with numbers; messages about format and count name the line before it
+    - `start`: index of the first line with numbers; messages about the format or the count name the line
+      before
     - `count`: number of values to read
     - `text`: text with the Fortran format, such as (8F10.4); without a format, eight columns of 10 characters
 
