@@ -47,7 +47,8 @@ def design_chart(
 ) -> xarray.Dataset:
     """Return the smallest safe value of a design variable, such as α, for each pulse period.
 
-    A value is safe if the columns survive. The function cannot be called inside `jax.jit`.
+    A value is safe if the columns survive with this value and with all larger values up to the upper bound.
+    The function cannot be called inside `jax.jit`.
 
     - `podium`: a `rockjax.Podium` or an `optimise.Dimensions`; all other parameters keep their values
     - `vary`: (name, (lowest, highest)) in the unit of the parameter, as in [`optimise.design`][]
@@ -59,11 +60,10 @@ def design_chart(
     - `options`: options of the simulations
     - `progress`: `True` for a progress bar, or any object with a method `update(n)`
 
-    Returns a Dataset with the dimensions `a_p` and `T_p`. `smallest_safe_value` is the smallest value above
-    which the columns survive for all values up to the upper bound (NaN if they overturn at the upper bound).
-    `boundaries` holds the values of the variable at which survival changes to overturning or back, as far as
-    the scan finds them. They ascend along a further dimension `boundary`, padded with NaN. Raises
-    `ValueError` for invalid inputs.
+    Returns a Dataset with the dimensions `a_p` and `T_p`. `smallest_safe_value` is NaN if the columns
+    overturn at the upper bound. `boundaries` holds the values of the variable at which survival changes to
+    overturning or back, as far as the scan finds them. They ascend along a further dimension `boundary`,
+    padded with NaN. Raises `ValueError` for invalid inputs.
     """
     import xarray
 

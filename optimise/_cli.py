@@ -70,6 +70,7 @@ def _decisive_motion(problem: Problem, design: Design, motions: list) -> Any:
 
     worst_motions = []
     for target, margins in zip(problem.targets, design.margins.values(), strict=True):
+        # A target with one margin for all motions, such as a probability, decides for no single motion.
         if isinstance(target, AbstractResponseTarget) and margins.size % len(target.suite) == 0:
             worst_margins = margins.reshape(len(target.suite), -1).min(axis=1)  # of each motion
             motion = target.suite.motion(int(np.argmin(worst_margins)))

@@ -63,7 +63,7 @@ class Explorer:
 
     - `widget`: widget that a notebook shows; `sliders`: name → `ipywidgets.FloatSlider`
     - `values`: name → value in the unit of the parameter; exactly the initial value until the slider moves,
-      even if the slider rounds it
+      even if the slider shows a rounded value
     - `structure`, `podium`, `excitation`, `peak`: structure (as the given type and as a podium), motion and
       peak response for these values
     - `picture`: picture of the response as PNG, twice as wide in pixels as on the page

@@ -29,7 +29,8 @@ from ._targets import AbstractTarget, Name, check_limit
 
 SAFETY_FACTOR = 1.645  # in 95 % of independent samples, the error of ln P is below this many standard errors
 MAX_SCENES = 10_000_000  # largest number of scenes of an independent sample
-# A structure uses the independent sample of another structure if no parameter differs by more than this [–].
+# A structure uses the independent sample of another one if all relative differences of their parameters are
+# at most this.
 SAME_STRUCTURE = 1e-3
 
 

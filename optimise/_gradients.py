@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from ._evaluator import Evaluator
 
-MAX_ITERATIONS = 100
+MAX_ITERATIONS = 100  # default number of steps
 RHO = 10.0  # ρ of the augmented Lagrangian
 SMOOTHING = 0.1  # weight of a new value in the running means of multipliers and squared slopes
 STEP_DECAY = 8  # steps shrink after the first 1/STEP_DECAY of a search

@@ -102,6 +102,7 @@ def solve(
         settings,
     )
     solution = solver.solve()
+    # A point that satisfies the constraints is used even if the solver could not prove that it is optimal.
     if str(solution.status) not in _SUCCESSES and not (
         str(solution.status) == "InsufficientProgress" and solution.r_prim < 1e-7
     ):

@@ -27,7 +27,7 @@ from ._optimality import EvaluatedPoints, linear_models, optimality, points_near
 from ._quadratic import Model, Step, Vector, solve
 from ._results import CONVERGED, INFEASIBLE, NOT_FINITE, OUT_OF_ITERATIONS, STALLED
 
-MAX_ITERATIONS = 60
+MAX_ITERATIONS = 60  # default limit of the number of iterations
 # A step is accepted if the merit decreases by at least ACCEPT_RATIO times the predicted decrease. The trust
 # region may be enlarged if the merit decreases by more than GOOD_RATIO times the predicted decrease.
 ACCEPT_RATIO, GOOD_RATIO = 1e-3, 0.75

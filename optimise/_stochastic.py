@@ -27,10 +27,11 @@ from ._results import AVERAGED, INFEASIBLE, INTERRUPTED, NOT_FINITE
 if TYPE_CHECKING:
     import optax
 
-MAX_ITERATIONS = 300
+MAX_ITERATIONS = 300  # default number of steps of the first search
 MAX_CORRECTIONS = 3  # largest number of further searches after the first
 STEPS_DIVISOR = 4  # a further search has max_iterations/STEPS_DIVISOR steps
-SAFETY_FACTOR = 1.645 * np.sqrt(2)  # allowance in standard errors that 95 % of further samples do not exceed
+# Allowance in standard errors: 95 % of further samples have a margin that is lower by less than this.
+SAFETY_FACTOR = 1.645 * np.sqrt(2)
 EXACT_PENALTY = 1e4  # penalty of violations when multipliers are computed
 
 

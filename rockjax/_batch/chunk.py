@@ -38,7 +38,7 @@ class LaneLayout(NamedTuple):
     size: int  # number of scenes in a chunk, a multiple of the lanes
     refill: bool  # True if lanes take further scenes, False if a chunk has only one scene for each lane
     sensitivities: tuple[str, ...] = ()  # parameters y of the derivatives with respect to ln y
-    edge_distance: bool = False  # True if edge distances are requested; then `sensitivities` is (SCALE,)
+    edge_distance: bool = False  # True if edge distances are requested; then `sensitivities` is ("scale",)
 
     def plan(self, leaves, options: Options) -> Plan:
         """Return the plan for scenes with the leaves of a chunk."""
@@ -270,7 +270,8 @@ def _rows_of_scenes(chunk: Chunk) -> tuple[list[Any], list[int], Callable[[list[
     slopes, slope_structure = jax.tree.flatten(chunk.slopes and (chunk.slopes.varying, chunk.slopes.states))
     differ = chunk.slopes and differentiated_fields(chunk.states_differ)
     slope_differs = jax.tree.leaves(chunk.slopes and (chunk.slopes.varying, differ))
-    # Slopes of `varying` are arrays, not flags, and always have rows.
+    # `slope_differs` has arrays for the slopes of `varying`, which always have rows, and flags for the
+    # others.
     has_rows = [*(True for _ in chunk.varying), *differs, *(flag is not False for flag in slope_differs)]
     all_arrays = [*chunk.varying, *states, *slopes]
     axes = [*(0 for _ in chunk.varying), *(0 for _ in states), *(1 for _ in slopes)]

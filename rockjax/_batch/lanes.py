@@ -118,6 +118,7 @@ def advance(
     # The storage has rows for the scenes of the chunk, for the scenes that the lanes held before, and for one
     # more scene per lane, because accelerators write the rows of all lanes at once.
     done = empty_storage(size + 2 * lane_count, answer_shapes, index_type)
+    # Without refilling, all scenes of the chunk are already in lanes.
     next_position = jnp.where(refill, 0, jnp.minimum(count, lane_count)).astype(index_type)
     loop = jax.lax.while_loop(
         lambda loop: (
