@@ -189,10 +189,11 @@ class Podium(Module):
 
         With round ends the result is an approximately equivalent podium with flat ends and the same α, (R5).
         Compared with the real columns, its `R`, `width` and `height` are larger by the factor H/(H − r_c),
-        and its rotations are smaller by the factor (H − r_c)/H. For tan α = 0.15 and r_c = H/2, the peak
-        displacement u_b of the beam is at most 0.65 % too small, as long as it is below half of the
-        displacement at overturning. Overturning amplitudes are 1.3 % too large. For r_c = 0.8 H these errors
-        are 3.4 % and 15 %. The section "Round column ends" on the page on forces in the joints explains them.
+        and its rotations are smaller by the factor (H − r_c)/H. In tests with Ricker pulses, tan α = 0.15 and
+        r_c = H/2, peak displacements u_b of the beam up to half of the displacement at overturning are at
+        most 0.65 % too small, and overturning amplitudes at most 1.3 % too large. For r_c = 0.8 H these
+        errors are at most 3.4 % and 15 %. They grow with α and with the period of the pulse. The section
+        "Round column ends" on the page on forces in the joints has the tests.
 
         Tendons, dampers and inerters act between the ground and the beam. A device is omitted if its
         parameters, not counting the exponent, are the Python number 0.
@@ -409,8 +410,8 @@ class Podium(Module):
 
     @property
     def critical_stiffness(self) -> Number:
-        """κ_cr = w cos α/(2 sin²α), w = γ+η+½: the tendon stiffness above which small rotations have a
-        positive stiffness [–], (C6). It does not depend on the tendons of the podium or their prestress.
+        """κ_cr = w cos α/(2 sin²α), w = γ+η+½: the tendon stiffness K R/(m_c g) above which small rotations
+        have a positive stiffness [–], (C6). It does not depend on the podium's own tendons.
         """
         return (self.gamma + self.eta + 0.5) * jnp.cos(self.alpha) / (2 * jnp.sin(self.alpha) ** 2)
 

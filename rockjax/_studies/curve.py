@@ -334,8 +334,8 @@ fit_each_counts = StoredProgram(jax.vmap(fit_counts, (None, 0, 0)), name="counts
 def _slopes_of_fit(capacity, censor_limit):
     """Return the derivatives of ln(median) and dispersion with respect to each capacity, shape (2, n).
 
-    The derivatives are 0 for censored records, whose `capacity` is inf. `censor_limit` has the lower bound of
-    their capacities, shape (n,).
+    The derivatives are 0 for censored records, whose `capacity` is inf. `censor_limit` has the lower bounds
+    of their capacities, shape (n,).
     """
     has_capacity = jnp.isfinite(capacity)
 

@@ -1,7 +1,7 @@
 """Overturning boundaries of a rocking spectrum, by bisection between grid points with different outcomes.
 
 The bisection runs the programs that are compiled for the grid. It misses boundaries between two neighbouring
-grid points with the same outcome; [`rockjax.overturning_spectrum`][] finds them.
+grid points with the same outcome; the search of [`rockjax.overturning_spectrum`][] is not bound to a grid.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from .spectra import boundary_axis, group_by_structure, stack_podiums
 if TYPE_CHECKING:
     import xarray
 
-HALVINGS = 14  # bisections of a grid interval, to 6e-5 of its length
+HALVINGS = 14  # number of bisections, which narrow a grid interval to 6e-5 of its length
 
 
 def with_boundaries(

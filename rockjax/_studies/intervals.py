@@ -103,9 +103,10 @@ def _inverse_mills_ratio(z):
 
 
 def _first_outside(condition: Callable, start: np.ndarray, direction: int) -> np.ndarray:
-    """Step away from `start`, doubling the distance, until an elementwise condition is false.
+    """Return points at which an elementwise condition is false: `start`, or points on one side of it.
 
-    `direction` is 1 or −1. The search ends after at most `_MAX_DOUBLINGS` steps.
+    `direction`, 1 or −1, is the side. The distance from `start` is doubled until the condition is false. The
+    search ends after `_MAX_DOUBLINGS` steps, even if the condition is still true.
     """
     point, step = start, 0.5
     for _ in range(_MAX_DOUBLINGS):

@@ -19,7 +19,7 @@ REPEAT_NOTE = "solved chunks are stored; repeat the call to continue"
 
 
 class LocalRunner:
-    """Runner that solves chunks one after the other in this process, each on all cores of the machine or on
+    """Runner that solves chunks one after the other in this process, each on all cores or accelerators, or on
     the given devices."""
 
     def __init__(self, devices: Devices):

@@ -76,7 +76,7 @@ def sweep(
       [`rockjax.peak_responses`][]: `peak_rotation_sensitivity` … with the additional dim `parameter`
     - `chunk`: largest number of scenes in a chunk, ≥ 1; by default as many as take a few seconds
     - `client`: a `dask.distributed.Client`, whose workers solve the chunks, by default one chunk on each
-      core. If None, all cores of this machine solve one chunk after another
+      core. If None, this process solves one chunk after another, each on all cores or on `devices`
     - `devices`: `"all"` for all JAX devices of the process that solves a chunk, or a list of devices of this
       machine. The default is all accelerators, or without accelerators the cores of the CPU
     - `progress`: True to show a bar with the remaining time

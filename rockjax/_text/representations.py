@@ -17,7 +17,7 @@ from . import tables
 
 
 def format_call(module: eqx.Module) -> str:
-    """Return a structure or motion as the call that constructs it, with shape and range of arrays."""
+    """Return a structure or motion as the call that constructs it, with the shape and the range of arrays."""
     arguments = ", ".join(f"{name}={_format_value(value)}" for name, value in _fields(module))
     return f"{type(module).__name__}({arguments})"
 

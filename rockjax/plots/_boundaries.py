@@ -192,7 +192,7 @@ def _mark_ends(ax: Axes, x: np.ndarray, minimum: np.ndarray, highest: float, col
 
 
 def _add_legend_entry(ax: Axes, label: str, draw: Callable[[str], Any]) -> None:
-    """Add a legend entry for all curves unless the picture already has it."""
+    """Add a legend entry that stands for the marks of all curves, unless the axes already have it."""
     if label not in ax.get_legend_handles_labels()[1]:
         draw(label)
 

@@ -40,8 +40,8 @@ def grid_of_panels(
     - `title`: text before the description
     - `sharey`: as in `Figure.subplots`
 
-    Returns the figure, its axes, and the right end of the axes as a fraction of the width. The layout is
-    explicit, because automatic layout takes longer than the drawing.
+    Returns the figure, its axes, and the right end of the axes divided by the width of the figure. The layout
+    is explicit, because automatic layout takes longer than the drawing.
     """
     column_gap, row_gap = 0.2, 0.45
     w = left + columns * width + (columns - 1) * column_gap + right

@@ -59,7 +59,7 @@ def risk(dataset: xarray.Dataset) -> Figure:
 
 @styled
 def design_point(point: DesignPoint, podium: Podium) -> Figure:
-    """Plot the response of a podium to the motion of a design point. Such a motion lies on the limit state.
+    """Plot the response of a podium to the motion of a design point, which lies on the limit state.
 
     - `point`: one of [`rockjax.design_points`][] of the podium; `podium`: the podium
     """

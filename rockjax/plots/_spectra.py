@@ -82,8 +82,7 @@ def dimensional_axes(
 
 
 def _period(ratio, p):
-    """Return T_p for a given ω_p/p, or ω_p/p for a given T_p; both have the formula 2π/p divided by the
-    other."""
+    """Return T_p for a given ω_p/p, or ω_p/p for a given T_p: each is 2π/p divided by the other."""
     with np.errstate(divide="ignore"):
         return 2 * math.pi / p / np.asarray(ratio, float)
 
