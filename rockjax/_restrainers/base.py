@@ -1,15 +1,16 @@
 """Base class of restrainers: devices along the centre line of a column that resist its rocking.
 
 A rocking column turns by θ about a corner in its bottom joint (on the ground) and in its top joint (under
-the beam). On the centre line, R sin α away from the corner, each joint opens by 2R sin α sin(|θ|/2). A
-device from the ground to the beam spans both joints and lengthens by
+the beam). On the centre line, half a width R sin α away from the corner, each joint opens by
+2R sin α sin(|θ|/2). A device from the ground to the beam spans both joints and lengthens by
 
     ℓ = 4R sin α sin(|θ|/2)
     (C1)
 
-and a device that spans only the bottom joint lengthens by ℓ/2. In dimensionless form, lengths are divided
-by R, times by 1/p, and forces by the weight m_c g of a column. Forces are functions of the stretch s = ℓ/R
-and the stretch rate r = ℓ̇/(Rp), except the force of an inerter, which is proportional to ℓ̈.
+and a device that spans only the bottom joint lengthens by ℓ/2. In dimensionless form, lengths are divided by
+the half diagonal R of a column, times by 1/p with the frequency parameter p, and forces by the weight m_c g
+of a column. Forces are functions of the stretch s = ℓ/R and the stretch rate r = ℓ̇/(Rp), except the force of
+an inerter, which is proportional to ℓ̈.
 
 Equations with a C are in docs/control.md and docs/equations.md.
 """

@@ -78,7 +78,7 @@ def stability_angle(alpha: Number, weight: Number, restrainers: Sequence[Abstrac
     longer turn the column back; inf if they always do.
 
     - `alpha`: α [rad]
-    - `weight`: w = γ+η+½ [–]
+    - `weight`: w = γ+η+½, with the mass ratios γ of the beam and η of the superstructure [–]
     - `restrainers`: devices of a column
 
     Up to α, both gravity and restrainers turn the column back, so θ_s ≥ α. Between α and π/2, the restoring

@@ -12,7 +12,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-# Numbers of points in a batch. Batches are padded to powers of two, so that few sizes are compiled.
+# Least and largest number of points in a batch. Batches are padded to powers of two, so that few sizes are
+# compiled.
 MIN_BATCH, MAX_BATCH = 8, 4096
 
 

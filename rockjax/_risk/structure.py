@@ -197,7 +197,8 @@ class StructureLimitState(AbstractLimitState):
         return value, slope
 
     def with_sensitivities(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-        """Return G, ∇G, and the derivatives of G with respect to all parameters of podium and motion."""
+        """Return G (m,), ∇G (m, d), and the derivatives of G with respect to all parameters of podium and
+        motion (m,), by the location of the parameter as in `_by_location`."""
         results_of_batches = []
         for start in range(0, len(u), GRADIENT_BATCH):
             batch = u[start : start + GRADIENT_BATCH]

@@ -34,7 +34,7 @@ class Elevation(Module):
 
     - `columns`: positions x_i of the N ≥ 2 columns along the direction of motion [m], along the last axis.
       Columns in one line across the plane of motion have equal positions. The centres of all masses are
-      assumed to be above the mean position
+      assumed to be above the mean position of the columns
     - `beam_depth`: depth D of the beam, ≥ 0 [m]; its mass is at D/2
     - `top_height`: height above the top of the beam [m]. [`rockjax.Elastic`][] and [`rockjax.Rigid`][] need
       the height of their mass, [`rockjax.Modes`][] one height for each mode (negative for some higher modes),
