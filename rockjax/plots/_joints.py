@@ -48,12 +48,12 @@ def _history_with_joints(response: Response | xarray.Dataset) -> xarray.Dataset:
 
 @on_axes
 def joint_forces(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Plot the axial forces N/(m_c g) of both end columns over time, with the dead load of the mean column.
-    m_c is the mass of a column.
+    """Plot the axial forces N/(m_c g) of both end columns over time, and the dead load: the axial force at
+    rest, averaged over the columns. m_c is the mass of a column.
 
     The forces of other columns lie between those of the end columns. For a podium without an elevation, only
-    the forces of the mean column are known and drawn. Times at which a joint would be open, N < 0, are
-    shaded; the model does not hold after the first such time.
+    the forces averaged over the columns (the “mean column”) are known and drawn. Times at which a joint would
+    be open, N < 0, are shaded; the model does not hold after the first such time.
 
     - `response`: a [`rockjax.Response`][], or its dataset if an output of the joints was requested
     - `ax`: axes to draw into
