@@ -331,7 +331,8 @@ class JointBounds:
 
     @functools.cached_property
     def friction(self) -> Pair:
-        """Bounds on |T|/N of all columns at the bottom and the top joint; inf where N may vanish."""
+        """Bounds on |T|/N of all columns at the bottom and the top joint; inf if N may vanish, but 0 for a
+        joint that carries no axial force at all."""
         return self._friction_at(0), self._friction_at(1)
 
     def _friction_at(self, joint: int) -> Value:

@@ -123,8 +123,9 @@ def all_of(flags: Iterable[Flag]) -> Flag:
 
 @dataclasses.dataclass(frozen=True)
 class AbstractForceOutput(AbstractOutput):
-    """An output that needs joint forces. If it is not requested, its answers are missing from those of a
-    scene, whereas the answers of most other outputs are NaN."""
+    """An output of forces or impulses in the joints, or of the force on the foundation. If it is not
+    requested, its answers are missing from those of a scene, whereas the answers of most other outputs are
+    NaN."""
 
     needs_flat = True
     of_joints = True
@@ -152,7 +153,7 @@ class AbstractForceOutput(AbstractOutput):
 
 @dataclasses.dataclass(frozen=True)
 class AbstractJointOutput(AbstractForceOutput):
-    """An output whose answer has one value for each joint, shape (2,): the worst of all columns. The
-    accumulator is a tuple for the bottom and the top joint."""
+    """An output whose answers have one value for each joint, that of the worst column, shape (2,). The
+    accumulator of an output of forces is a tuple with an entry for the bottom and one for the top joint."""
 
     axis = JOINTS

@@ -21,7 +21,9 @@ from .views import Bounces, Start, Step, StepEnd, Turn
 @dataclasses.dataclass(frozen=True)
 class Margin(AbstractEventOutput):
     """The overturning margin: the least margin of all turning points of the rotation, or the negative margin
-    at the overturning angle if the columns overturn. `turning_points.py` defines these margins."""
+    at the overturning angle if the columns overturn. `turning_points.py` defines these margins. The initial
+    rotation counts as a turning point, and so does the rotation at the end of the scene if |θ| still
+    rises."""
 
     name = "margin"
     unit = "1"

@@ -99,7 +99,7 @@ def exceeds_nowhere(start: Value, end: Value, curvature: Value, level: Value | f
 
     - `start`, `end`: y at both ends; `curvature`: bound on h²|d²y/dt²|; `level`: the level, in the unit of y
     """
-    # Either y never exceeds its value at the start, or its largest possible value is below the level.
+    # Either y never exceeds its value at the start, or its largest possible value does not exceed the level.
     decreases = (start <= level) & (end + 0.5 * curvature <= start)
     return decreases | (jnp.maximum(start, end) + 0.125 * curvature <= level)
 

@@ -21,8 +21,9 @@ both equations are in docs/equations.md:
 
     G = 1 − V(θ_m)/V(α_o),   f = I (−σθ̈) − V'(θ_m),   W = f⁺ [sin(α−θ_m) − sin(α−α_o)] / V(α_o),
 
-where σ is the sign of θ. The margin of a scene is the least margin of all turning points, 1 if the columns
-never lift, and the margin at α_o if the scene overturns. Turning points, each with its own f, appear and
+where σ is the sign of θ. The margin of a scene is the least margin of all turning points, including an
+initial rotation and a rotation that still increases at the end of the scene. It is 1 if the columns never
+lift, and the margin at α_o if the scene overturns. Turning points, each with its own f, appear and
 vanish as the parameters change, which makes M jump. These jumps are small because the term with W is limited
 to w: away from the boundary, M depends mainly on the largest rotation, which is continuous.
 """
@@ -62,8 +63,8 @@ def margin_at_fall(c: Coefficients, overturn_angle: Value, theta_dot: Value) -> 
 
 
 def margin_at_rest(c: Coefficients, overturn_angle: Value, theta: Value) -> Value:
-    """Return the margin M of a column at rest at |θ| = `theta`, under gravity and restrainers alone. Beyond
-    the overturning angle the margin is 1 − |θ|/α_o."""
+    """Return the margin M of a column at rest at |θ| = `theta`, under gravity and restrainers alone: G for
+    |θ| < α_o, else 1 − |θ|/α_o."""
     one = jnp.ones_like(theta)
     margin = 1 - potential(c, one, theta) / potential(c, one, overturn_angle)
     return jnp.where(theta < overturn_angle, margin, 1 - theta / overturn_angle)

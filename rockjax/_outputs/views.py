@@ -531,7 +531,8 @@ class Rest:
 
 
 class Sample(NamedTuple):
-    """A sampling interval of a record that may be skipped without a trial; θ is monotone in it.
+    """A sampling interval of a record that may be skipped without a trial step. θ is monotone in the
+    interval.
 
     - `c`: constants of the podium; `sigma`: the contact mode
     - `h`: length of the interval [s]

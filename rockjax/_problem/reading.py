@@ -116,7 +116,8 @@ class Reader:
         given: models.ByRatios | models.ByDimensions,
         by_dimensions: Callable[..., Any] = Podium.from_dimensions,
     ) -> Any:
-        """Build the podium from a table of ratios, or call `by_dimensions` with a table of dimensions."""
+        """Return the podium of a table of ratios, or the result of `by_dimensions` for a table of dimensions,
+        by default the podium too."""
         parameters = given.as_arguments("superstructure", "elevation")
         with self.errors_at("structure"):
             if isinstance(given, models.ByDimensions):

@@ -3,7 +3,8 @@
 A key contains the structure of the arguments (classes, static fields, shapes and types of arrays and
 numbers), the versions of the libraries, a hash of the source of `rockjax` and `optimise`, JAX's settings, and
 the processor. User-defined classes and functions have no key, because their names may mean other code in
-another process; `program.py` identifies such programs by the text of the lowered program.
+another process. `program.py` identifies programs with such arguments by the text of the lowered program. A
+function wrapped in `TracedFunction` has a key.
 """
 
 from __future__ import annotations

@@ -60,8 +60,9 @@ class StoredProgram:
     - `description`: name of the program in progress bars
 
     If the arguments are not traced and JAX runs on a single CPU device, the program is loaded from the store
-    if possible, without tracing and compiling. The loaded program gives bitwise the same results as the
-    program that was stored. In all other cases the function is called through `jax.jit`.
+    if possible, without compiling. Tracing is also avoided, unless the arguments contain user-defined classes
+    or functions. The loaded program gives bitwise the same results as the program that was stored. If the
+    arguments are traced, or JAX runs in another way, the function is called through `jax.jit`.
     """
 
     def __init__(

@@ -1,7 +1,8 @@
 """The folder of stored programs: its path, its permissions and its size limit.
 
 Stored programs are executed, so the folder is used only if it belongs to this user and no other user can
-write to it. Files are written atomically and contain a checksum. When a program is stored and the folder then
+write to it (on Windows, the system protects the user's folders). Files are written atomically and contain a
+checksum. When a program is stored and the folder then
 exceeds the size limit, the least recently used files are deleted.
 """
 
@@ -32,7 +33,7 @@ class Entry(NamedTuple):
 
 
 def enabled() -> bool:
-    """Return whether the store is enabled; `ROCKJAX_CACHE=off` disables it."""
+    """Return whether the store is enabled. The environment variable `ROCKJAX_CACHE=off` disables it."""
     return not switched_off("ROCKJAX_CACHE")
 
 
@@ -56,7 +57,8 @@ def folder() -> Path:
 def limit() -> int:
     """Return the size limit of the folder [bytes].
 
-    `ROCKJAX_CACHE_SIZE` sets it in MiB. Raises `ValueError` if its value is not a finite number ≥ 0.
+    The environment variable `ROCKJAX_CACHE_SIZE` sets the limit in MiB. Raises `ValueError` if its value is
+    not a finite number ≥ 0.
     """
     text = os.environ.get("ROCKJAX_CACHE_SIZE", "").strip()
     try:
@@ -82,7 +84,8 @@ def _reason_unsafe(path: Path) -> str | None:
 
 
 def reason_unused() -> str | None:
-    """Return the reason why programs are neither stored nor loaded; None if they are."""
+    """Return the reason why programs are not stored; None if they are. Programs in a folder that can be read
+    but not written are still loaded."""
     if not enabled():
         return "ROCKJAX_CACHE is off"
     try:

@@ -18,8 +18,8 @@ _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 def encode(page: Page, units: Units) -> dict[str, bytes]:
     """Return the tables of a page as CSV files, named after the tables.
 
-    Numbers are in the chosen units, not rounded. An apostrophe precedes texts that a spreadsheet would take
-    for a formula.
+    Numbers are in the chosen units and not rounded. An apostrophe is put before texts that a spreadsheet
+    would take for a formula.
     """
     return {f"{table.name}.csv": _content(table, units) for table in page.tables()}
 

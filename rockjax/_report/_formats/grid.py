@@ -25,7 +25,7 @@ class Number(NamedTuple):
     """A number in the unit of the page.
 
     - `value`: the number, not rounded
-    - `digits`: the digits of the number on the page; "" in columns of errors
+    - `digits`: the rounded number as text, as on the page; "" in columns of errors
     """
 
     value: float

@@ -78,8 +78,8 @@ def _text(cell: Number | str) -> str:
 
 
 def _number_format(digits: str) -> str:
-    """Return the spreadsheet's number format that shows as many digits as `digits`; the format 0.0E+00 for
-    ""."""
+    """Return the number format of a spreadsheet that shows as many digits as the text `digits`; the format
+    0.0E+00 for an empty text."""
     mantissa, power, _ = digits.partition("·")
     _, point, decimals = re.sub(r"\s", "", mantissa).partition(".")
     if not digits or power:
