@@ -96,8 +96,8 @@ class JointBounds:
         # Sine and cosine of the largest |ψ|, which exceeds α only if there are restrainers.
         self.sin = c.sin_alpha if c.restraint is None else jnp.maximum(-rotation.sin[0], rotation.sin[1])
         self.cos = rotation.cos[0]
-        # Bounds on θ̈, which is zero in full contact, and on the vertical acceleration v̈_b of the beam, Eq.
-        # (15).
+        # Bounds on θ̈, which is zero in full contact, and on v̈_b, the vertical acceleration of the beam by
+        # Eq. (15).
         turning = self._turning_for(rotation)
         self._turning = turning = jnp.minimum(turning[0], 0.0), jnp.maximum(turning[1], 0.0)
         drop = rotation.speed_squared * rotation.cos[1]

@@ -22,8 +22,8 @@ from .views import Bounces, Start, Step, StepEnd, Turn
 class Margin(AbstractEventOutput):
     """The overturning margin: the least margin of all turning points of the rotation, or the negative margin
     at the overturning angle if the columns overturn. `turning_points.py` defines these margins. The initial
-    rotation counts as a turning point, and so does the rotation at the end of the scene if |θ| still
-    rises."""
+    rotation counts as a turning point, and so does the rotation at the end of the scene if |θ| still rises
+    there."""
 
     name = "margin"
     unit = "1"

@@ -23,9 +23,9 @@ both equations are in docs/equations.md:
 
 where σ is the sign of θ. The margin of a scene is the least margin of all turning points, including an
 initial rotation and a rotation that still increases at the end of the scene. It is 1 if the columns never
-lift, and the margin at α_o if the scene overturns. Turning points, each with its own f, appear and
-vanish as the parameters change, which makes M jump. These jumps are small because the term with W is limited
-to w: away from the boundary, M depends mainly on the largest rotation, which is continuous.
+lift, and the margin at α_o if the scene overturns. Turning points, each with its own f, appear and vanish as
+the parameters change, which makes M jump. These jumps are small because the term with W is limited to w: away
+from the boundary, M depends mainly on the largest rotation, which is continuous.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 Stored programs are executed, so the folder is used only if it belongs to this user and no other user can
 write to it (on Windows, the system protects the user's folders). Files are written atomically and contain a
-checksum. When a program is stored and the folder then
-exceeds the size limit, the least recently used files are deleted.
+checksum. When a program is stored and the folder then exceeds the size limit, the least recently used files
+are deleted.
 """
 
 from __future__ import annotations
