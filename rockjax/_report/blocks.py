@@ -36,7 +36,7 @@ def check_anchor(id: str) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class Paragraph:
-    """A paragraph. `is_note` makes it small, for explanations."""
+    """A paragraph. With `is_note`, the page shows it in small type, as an explanation."""
 
     text: Text
     is_note: bool = False
@@ -83,11 +83,11 @@ class Equations:
 class Figure:
     """A picture.
 
-    - `svg`: result of `pictures.to_svg` with the same `title` and `description`
+    - `svg`: result of `pictures.to_svg` for the same `title` and `description`
     - `caption`: text below the picture
     - `title`: short title
     - `description`: text for readers who cannot see the picture, with its most important number
-    - `is_narrow`: whether the picture may be narrower than the page
+    - `is_narrow`: whether the picture is limited to a width below that of the page
     """
 
     svg: str
@@ -119,7 +119,7 @@ class Limit:
     - `quantity`: the limit [SI]
     - `unit`: unit of the limit in the problem file; None if the file gives no unit. If the page uses another
       unit, the limit is shown in both
-    - `note`: source of the limit, such as a key of the problem file
+    - `note`: a second line, such as the key of the problem file from which the limit comes
     """
 
     comparison: str
@@ -142,23 +142,25 @@ class SummaryRow:
     - `id`: id of the check, such as "C1"
     - `name`: quantity that is checked
     - `scope`: set of motions and statistic, such as "design, largest of 11"
-    - `value`: value with the numerical error, or a text that replaces it
+    - `value`: value with the numerical error, or a text in place of both
     - `limit`: the limit, or a text if there is none
     - `utilisation`: U, of kind "utilisation", or a text such as "> 1" or "no value"
     - `result`: one of `RESULTS`
     - `governs`: governing motion, story and time
-    - `sensitivities`: the largest d ln U/d ln y of inputs y
-    - `spread`: range of U if one input at a time is multiplied by 1 − s or 1 + s, with s = `report.spread` of
-      the problem file
-    - `reason`: why there is no value; replaces `governs`, `sensitivities` and `spread`
+    - `sensitivities`: text with the inputs y that have the largest |d ln U/d ln y|, and these derivatives
+    - `spread`: text with the range of U if one input at a time is multiplied by 1 − s or 1 + s. The number s
+      is the key `report.spread` of the problem file
+    - `reason`: why there is no value; "" if there is one. A reason is shown in place of `governs`,
+      `sensitivities` and `spread`
     - `section`: number of the section with the details
-    - `assumptions`: ids of the violated assumptions, such as "A7", which are anchors in section 10
-    - `flags`: other short links beside the result
+    - `assumptions`: ids of the violated assumptions, such as "A7". Each id is the anchor of a row in section
+      10
+    - `flags`: further short links beside the result
     - `clause`: clause that asks for the check
     - `is_target`: whether it is a design target
 
-    Raises `ValueError` for an unknown result, for a missing id or text, and for a utilisation of another
-    kind.
+    Raises `ValueError` for an unknown result, for a missing id or text, and for a number `utilisation` whose
+    kind is not "utilisation".
     """
 
     id: str
@@ -231,6 +233,7 @@ class Summary:
 
 def _cells(row: SummaryRow) -> tuple[Quantity | TextCell, ...]:
     """Return a row of the summary as cells of a table."""
+    # A row with a reason has no texts `governs`, `sensitivities` and `spread`.
     no_text = TextCell("not made" if row.reason else "none given", "none")
     reasons = [*row.assumptions, *(flag.text for flag in row.flags)]
     reason = row.reason or ", ".join(reasons)
@@ -289,7 +292,7 @@ class Page:
     - `verdict`: first sentence, which states how many checks pass
     - `notices`: paragraphs below the verdict, such as violated assumptions
     - `sections`: the sections in the order of the page
-    - `is_verified`: whether every check passes, except those made by others
+    - `is_verified`: whether every check passes or is made by others, and at least one passes
     - `subject`: line below the title
     - `origin`: label → text below `head`, such as "Problem file" and "Command"
     - `footer`: text at the foot of printed pages

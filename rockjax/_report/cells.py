@@ -33,10 +33,10 @@ def number_cell(
 def peak_cell(data: xarray.Dataset, k: int, value: Any, kind: str, error: Any = None) -> Quantity | TextCell:
     """Return a cell with a peak of a scene.
 
-    A text replaces the peak of a scene that did not finish, and a peak that is not finite, which means that a
-    joint opens. If the columns overturn, a note states the time of overturning.
+    A text replaces the peak if the scene did not finish, or if the peak is not finite. The latter means that
+    a joint opens. If the columns overturn, a note states the time of overturning.
 
-    - `data`, `k`: peaks along `motion`, and the index of the scene
+    - `data`: dataset of scenes along `motion`; `k`: index of the scene
     - `value`, `kind`, `error`: as for `number_cell`
     """
     code = int(data["result"].values[k])

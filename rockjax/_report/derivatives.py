@@ -1,7 +1,7 @@
-"""Derivatives of the values of checks with respect to the logarithms of factors.
+"""Derivatives of the values of checks with respect to the logarithms of n + 1 factors.
 
-The first n factors multiply the n inputs of the structure, and the last multiplies the motion. Derivatives
-are taken where all factors are 1, so that all logarithms are 0.
+The first n factors multiply the n inputs of the structure that are in `Problem.variables`. The last factor
+multiplies the motion. Derivatives are taken at factors of 1, that is, at logarithms of 0.
 """
 
 from __future__ import annotations
@@ -29,12 +29,13 @@ from .store import dataset_of, fingerprint
 if TYPE_CHECKING:
     import xarray
 
-# Function that returns a value, and its derivatives with respect to the logarithms, (n + 1,).
+# Function () ↦ (value, derivatives of the value with respect to the logarithms, (n + 1,)).
 SlopesFunction = Callable[[], tuple[Any, Any]]
 
 
 def log_slopes(scenes: Scenes, entry: Entry, functions: Mapping[int, SlopesFunction]) -> xarray.Dataset:
-    """Return the derivatives d ln(value)/d ln y of a check, with the dims `motion` and `parameter`.
+    """Return the values of a check (`value`, along `motion`), and their derivatives d ln(value)/d ln y
+    (`slope`, along `motion` and `parameter`).
 
     The parameters y are the inputs of the structure and, if the check uses a set of motions, the factor on
     the motion.
@@ -80,7 +81,7 @@ def slopes_of(
 
 def varied(problem: Problem, logs: Any) -> Podium:
     """Return the structure with its inputs multiplied by the factors exp(logs), exact to first order in
-    `logs`, (n + 1,). The last factor belongs to the motion and has no effect here."""
+    `logs`, (n + 1,). The last factor applies to the motion and has no effect here."""
     leaves, treedef = jax.tree.flatten(problem.podium)
     changed = [
         jnp.asarray(y, float) + J @ logs[:-1] for y, J in zip(leaves, problem.leaf_derivatives, strict=True)
@@ -125,18 +126,19 @@ def scene_answers(scenes: Scenes, name: str, motion: int) -> dict[str, tuple[np.
 def leaf_directions(
     problem: Problem, excitation: AbstractExcitation, with_elevation: bool
 ) -> list[np.ndarray]:
-    """Return the derivatives of each leaf of (podium.split_rows(), excitation.common_form()) with respect to
-    the logarithms, (n + 1,).
+    """Return, for each leaf of a scene, its derivatives with respect to the logarithms, (n + 1,).
 
-    Solutions have derivatives with respect to scalar leaves only; the items for other leaves are not used.
+    The leaves are those of (podium.split_rows(), excitation.common_form()). Solutions have derivatives with
+    respect to scalar leaves only, so the derivatives of other leaves are not used.
 
     - `problem`, `excitation`: the problem, and the motion of the scene
-    - `with_elevation`: whether the podium has its elevation
+    - `with_elevation`: whether the elevation of the podium is among the leaves
     """
     count, split = len(problem.variables), problem.split_derivatives
     of_podium = jax.tree.leaves(split if with_elevation else split.without_elevation())
-    # Each leaf is constant or proportional to the factor, so its change from factor 1 to factor 2 is its
-    # derivative. Leaves that are not scalar are not used; the mean only turns them into one number.
+    # Each leaf of the motion is constant or proportional to the factor on the motion. Its change from factor
+    # 1 to factor 2 is therefore its derivative. The mean turns a leaf with several values, which is not used,
+    # into one number.
     original, doubled = (jax.tree.leaves(excitation.scaled(factor).common_form()) for factor in (1.0, 2.0))
     of_motion = [np.mean(z) - np.mean(y) for y, z in zip(original, doubled, strict=True)]
     return [np.append(y, 0.0) for y in of_podium] + [np.append(np.zeros(count), y) for y in of_motion]

@@ -33,10 +33,11 @@ class CheckKeys(models.Keys):
 class Entry:
     """An entry of `[[checks]]` or `[[targets]]`.
 
-    - `id`: identifier; `kind`: name of the kind; `keys`: validated table of the entry
+    - `id`: identifier; `kind`: name of the kind; `keys`: keys of the entry after validation
     - `arguments`: keys that only this kind has → values, or objects made from them, such as a class of pulses
     - `motions`: name of the set of motions; None for a check without one
-    - `quantity`: what the value measures, one of `units.KINDS`; `limit`: limit [SI], 1 if the kind has none
+    - `quantity`: what the value of the check measures, one of `units.KINDS`
+    - `limit`: limit [SI]; 1 if the kind has none
     - `is_target`: whether it is a design target
     """
 

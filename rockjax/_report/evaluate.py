@@ -24,7 +24,7 @@ from .reading import read_problem
 from .scenes import Needs, NoProgress, Scenes
 from .store import Store
 
-ROUNDING = 8 * np.finfo(float).eps  # smallest relative error that a value is assumed to have
+ROUNDING = 8 * np.finfo(float).eps  # every value is assumed to have at least this relative error
 SKIPPABLE = ("risk", "methods", "spread")  # valid names in `skip`
 
 
@@ -37,8 +37,9 @@ def evaluate(
     - `skip`: parts that are left out: `"risk"` (annual frequency, median capacity, failure probability),
       `"methods"` (the simplified methods) and `"spread"` (checks with each input decreased and increased)
     - `store`: path of a file NAME.nc with the scenes of an earlier report, which are not solved again; None
-      for no file. `evaluate` does not write this file, but [`rockjax.report`][] of the evaluation does. If a
-      call takes long or is interrupted, it writes NAME.partial.nc, from which a later call continues
+      for no file. `evaluate` does not write NAME.nc; [`rockjax.report`][] does, if it is given the evaluation
+      and an `output`. If `evaluate` takes long or is interrupted, it writes NAME.partial.nc, from which a
+      later call continues
     - `progress`: object with the methods `update(number_of_scenes)` and `describe(text)`; None shows nothing
 
     Returns an [`rockjax.Evaluation`][]. Raises `ValueError` for an invalid problem file and for unknown names
@@ -60,7 +61,11 @@ def check_skip(skip: tuple[str, ...]) -> None:
 def evaluate_with_store(
     problem: Problem, skip: tuple[str, ...], store: Store, progress: Any = None
 ) -> Evaluation:
-    """Evaluate all checks of a problem; arguments as for `evaluate`, with the store of the scenes."""
+    """Evaluate all checks of a problem.
+
+    - `problem`, `skip`, `progress`: as for `evaluate`
+    - `store`: stores the scenes
+    """
     with_spread = "spread" not in skip
     scenes = Scenes(problem, store, needs_of_sets(problem), progress or NoProgress(), with_spread)
     with store.saved_on_interruption():
@@ -68,6 +73,7 @@ def evaluate_with_store(
             entry.id: not _reason_not_made(entry, problem, skip) and KINDS[entry.kind].start(entry, scenes)
             for entry in problem.checks
         }
+        # Checks that wait for another thread are evaluated last.
         last = sorted(problem.checks, key=lambda entry: is_started[entry.id])
         by_id = {entry.id: _evaluate(entry, scenes, skip) for entry in last}
         checks = tuple(by_id[entry.id] for entry in problem.checks)
@@ -80,7 +86,7 @@ def evaluate_with_store(
 
 
 def sets_of_checks(problem: Problem, skip: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the names of the sets of motions that checks need, without the checks that are not made."""
+    """Return the names of the sets of motions of all checks, except checks that are not made."""
     made = [entry for entry in problem.checks if not _reason_not_made(entry, problem, skip)]
     return tuple(dict.fromkeys(str(entry.motions) for entry in made if entry.motions))
 
@@ -97,7 +103,7 @@ def needs_of_sets(problem: Problem) -> dict[str, Needs]:
 
 
 def _reason_not_made(entry: Entry, problem: Problem, skip: tuple[str, ...]) -> str:
-    """Return the reason why a check is not made; "" if it is made, unless its evaluation raises an error."""
+    """Return the reason for not evaluating a check; "" if it is to be evaluated."""
     kind = KINDS[entry.kind]
     reason = kind.missing(entry, problem)
     if not reason and kind.skip_name in skip and not isinstance(kind, ByOthers):
@@ -152,7 +158,8 @@ def _compute(entry: Entry, kind: Kind, scenes: Scenes) -> Check:
         values,
     )
     slopes = _sensitivities(check, scenes)
-    # Derivatives of a mean are left out if they are steep: a motion that barely rocks may dominate them.
+    # The derivatives of a mean are left out if one of them is steep: a motion that barely rocks may dominate
+    # it.
     is_mean, spread = check.statistic == "mean", scenes.problem.report.spread
     is_smooth = not is_mean or all(abs(y) * spread <= 1 for y in slopes.values())
     return dataclasses.replace(
@@ -165,8 +172,8 @@ def _compute(entry: Entry, kind: Kind, scenes: Scenes) -> Check:
 
 
 def statistic_of(values: Values, statistic: str, is_minimum: bool) -> tuple[float, float, int]:
-    """Return the statistic of values [SI], its estimated error [SI], and the index of the governing value,
-    which is the largest value, or the least for a minimum.
+    """Return the statistic of values [SI], its estimated error [SI], and the index of the governing value.
+    The largest value governs, or the least for a minimum.
 
     - `values`: values of a check; ±inf for scenes that overturn
     - `statistic`: "max" (the governing value), "mean", "median", or "p84": the 84 % quantile, or the 16 %
@@ -186,8 +193,8 @@ def statistic_of(values: Values, statistic: str, is_minimum: bool) -> tuple[floa
 
 
 def _quantile(y: np.ndarray, share: float) -> float:
-    """Return a quantile by linear interpolation between the two nearest values; infinite if one of them with
-    a nonzero weight is infinite."""
+    """Return a quantile by linear interpolation between the two nearest values. It is infinite if one of
+    these is infinite and has a nonzero weight."""
     ordered = np.sort(y)
     position = share * (len(ordered) - 1)
     low, high = math.floor(position), math.ceil(position)
@@ -202,10 +209,13 @@ def utilisations_of(
 ) -> tuple[float, float, float]:
     """Return the least, the estimated and the largest utilisation [–] of a value with an error.
 
-    - `value`, `error`, `limit`: the value, its estimated error and its limit [SI]; the error of an infinite
-      value is ignored
+    - `value`, `error`, `limit`: the value, its estimated error and its limit [SI]. The error of a value that
+      is not finite is ignored
     - `is_minimum`: whether the value must be at least the limit
-    - `error_factor`: the least and the largest utilisation belong to value ± `error_factor` · error
+    - `error_factor`: the least and the largest utilisation are those of value ± `error_factor` · error
+
+    For a maximum, the utilisation is inf if the value is not finite. For a minimum, it is 0 for the value
+    inf; a value ≤ 0 gives 0 if it satisfies the limit, otherwise inf.
     """
 
     def utilisation(y: float) -> float:
@@ -215,7 +225,7 @@ def utilisations_of(
             return 0.0
         if y > 0:
             return limit / y
-        # limit/y has no meaning for y ≤ 0: U is 0 if y satisfies the limit, else inf.
+        # limit/y has no meaning for y ≤ 0.
         return math.inf if limit > 0 else 0.0 if y >= limit else math.inf
 
     shifts = (-error_factor * error, 0.0, error_factor * error) if math.isfinite(value) else (0.0,) * 3
@@ -224,7 +234,7 @@ def utilisations_of(
 
 
 def decide(utilisations: tuple[float, float, float], is_unanswered: bool, is_violated: bool) -> str:
-    """Return the result of a check, such as "PASS".
+    """Return the result of a check: "PASS", "FAIL", "UNDECIDED" or "NOT VALID".
 
     - `utilisations`: least, estimated and largest utilisation, from `utilisations_of`
     - `is_unanswered`: whether a scene of the set is undecided or has no answer
@@ -239,8 +249,8 @@ def decide(utilisations: tuple[float, float, float], is_unanswered: bool, is_vio
 
 
 def _violated(kind: Kind, entry: Entry, scenes: Scenes) -> tuple[str, ...]:
-    """Return the ids, such as "A7", of the assumptions in `INVALIDATING` that a tested scene of a check
-    violates."""
+    """Return the ids, such as "A7", of the assumptions in `INVALIDATING` that are violated in at least one
+    tested scene of a check."""
     data = kind.tested_scenes(entry, scenes)
     if data is None:
         return ()
@@ -270,7 +280,8 @@ def _sensitivities(check: Check, scenes: Scenes) -> dict[str, float]:
 
 
 def _repeat(check: Check, scenes: Scenes, law: str | None = None, variation: str = "") -> Any:
-    """Evaluate a check for a changed structure. Return the result of `utilisations_of`, and the values.
+    """Evaluate a check for a changed structure or changed motions. Return the result of `utilisations_of`,
+    and the values.
 
     - `check`, `scenes`: the check, and the scenes of the problem
     - `law`, `variation`: law of impact and variation, as for `Kind.values`

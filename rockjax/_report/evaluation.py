@@ -27,14 +27,15 @@ class Check:
     - `reason`: why there is no value, or which scenes leave the result undecided, or a remark on the value;
       "" for none
     - `violated`: ids of the assumptions that do not hold, such as `"A7"`
-    - `limit`, `value`, `error`: numbers [SI], NaN if missing; `value` is ±inf if a text replaces it, and
-      `error` is an estimate
-    - `text`: text that replaces the value, such as "overturned at 5.85 s"; "" for a number
-    - `state`: state of `text`, one of `tables.STATES`; "" for a number
-    - `utilisation`: U = value/limit, or limit/value for a minimum [–]; inf if the columns overturn, NaN
-      without a value
-    - `governing`: index of the motion or pulse with the governing value; None without a value, or if the set
-      has a single value. `location`: storey, joint, mode, block or time of the governing value; "" for none
+    - `limit`, `value`, `error`: limit, value and estimated error of the value [SI]; NaN if missing. An
+      infinite `value` stands for the event that `text` states
+    - `text`: text that is shown if the value is not finite, such as "overturned at 5.85 s"; otherwise ""
+    - `state`: state of `text`, one of `tables.STATES`; "" without a text
+    - `utilisation`: U = value/limit, or limit/value for a minimum [–]; inf if the columns overturn, NaN if
+      the check was not made
+    - `governing`: index of the motion or pulse with the governing value; None if the check was not made or
+      has a single value
+    - `location`: storey, joint, mode, block or time of the governing value; "" for none
     - `values`: the values of all motions or pulses; None if the check was not made
     - `sensitivities`: input y → d ln U/d ln y; "motion" is the factor on the motions. If there are none,
       `no_slopes` is the reason
@@ -100,9 +101,9 @@ class Evaluation:
 
     - `problem`: the problem; `scenes`: its solved scenes
     - `checks`: a `Check` for every entry of `[[checks]]` and `[[targets]]`
-    - `assumptions`: set of motions → id of the assumption → `Outcome`, or why there is no test; for the sets
-      with a check that has a value
-    - `skipped`: names of the parts that were left out
+    - `assumptions`: set of motions → id of the assumption → `Outcome`, or a text that states why there is no
+      test. It contains the sets that have a check with a value
+    - `skipped`: the argument `skip` of `evaluate`
     - `make_tables`: function that returns the tables of an evaluation
     """
 
@@ -115,7 +116,7 @@ class Evaluation:
 
     @property
     def is_verified(self) -> bool:
-        """True if every check passes, except those made by others; False if all are made by others."""
+        """True if every check passes or is made by others, and at least one passes."""
         return all(y.is_verified for y in self.checks) and any(y.result == "PASS" for y in self.checks)
 
     @property
@@ -130,7 +131,7 @@ class Evaluation:
 
 
 def verdict(results: list[str]) -> str:
-    """Return the verdict on checks with `results`, such as "Verified: all 14 checks pass."."""
+    """Return a sentence on the results of all checks, such as "Verified: all 14 checks pass."."""
     own_results = [result for result in results if result != "BY OTHERS"]
     others = len(results) - len(own_results)
     count = {word: own_results.count(word) for word in ("PASS", "FAIL", "UNDECIDED", "NOT VALID", "NOT MADE")}

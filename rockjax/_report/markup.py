@@ -41,7 +41,8 @@ SCROLL_BOX_START = Markup(
 
 
 def safe(string: str) -> Markup:
-    """Return a string as HTML, with Unix line ends and U+FFFD for characters that HTML does not allow."""
+    """Return a string as HTML, with Unix line ends. U+FFFD replaces surrogates, U+FFFE, U+FFFF, and control
+    characters other than tabs and line ends."""
     string = string.replace("\r\n", "\n").replace("\r", "\n")
     return escape(_FORBIDDEN.sub("\N{REPLACEMENT CHARACTER}", string))
 

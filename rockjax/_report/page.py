@@ -64,7 +64,7 @@ def render(page: Page, units: Units) -> str:
 
 def css_string(text: str) -> str:
     """Return a text for use within a CSS string. All characters are escaped, except letters, digits, "_" and
-    spaces."""
+    spaces. U+FFFD replaces U+0000, which cannot be escaped."""
     return re.sub(r"[^\w ]", lambda match: f"\\{ord(match[0]) or 0xFFFD:06x} ", text)
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLUMN, BEAM = "#cfd8e3", "#e6e9ee"
-# Colour of figures → variable of page.css, whose value differs between the light and the dark theme.
+# Colour of figures → variable of page.css. The variable has different values in the light and dark themes.
 VARIABLES = {
     "#d55e00": "--c-red",
     "#0072b2": "--c-blue",
@@ -45,7 +45,7 @@ _FONT_FAMILY = re.compile(r"font-family: [^;\"]*")
 _ID_OR_REFERENCE = re.compile(r'(\bid="|url\(#|\bxlink:href="#)')
 _COLOUR = re.compile(r"\b(fill|stroke): (#[0-9a-f]{6})(?:; \1-opacity: ([0-9.]+))?")
 _DECIMALS = {"m": 2, "cm": 1, "mm": 0}  # unit → decimals of dimensions in drawings
-_MARKED_FLOORS = 12  # largest number of floors that are all marked with their masses
+_MARKED_FLOORS = 12  # up to this number of floors, each floor is marked with its mass
 
 
 def to_svg(figure: Figure, prefix: str, title: str, description: str) -> str:
@@ -92,7 +92,8 @@ def to_svg(figure: Figure, prefix: str, title: str, description: str) -> str:
 
 
 def _apply_theme(match: re.Match[str]) -> str:
-    """Replace a colour of a figure by a variable of the page, or by the text's colour with an opacity."""
+    """Replace a colour in `VARIABLES` by its variable, and a grey by the text colour of the page with an
+    opacity."""
     name, colour, opacity = match[1], match[2], float(match[3] or 1)
     red, green, blue = colour[1:3], colour[3:5], colour[5:]
     if colour in VARIABLES:
@@ -109,7 +110,7 @@ def _round_coordinates(match: re.Match[str]) -> str:
 
 
 def elevation_caption(units: Units) -> str:
-    """Return the caption of `elevation_drawing` with its units."""
+    """Return the caption of `elevation_drawing`, which states the units of lengths."""
     unit, column_unit = units.unit("length"), units.unit("displacement")
     return f"Elevation to scale, lengths in {unit} (column at the right: in {column_unit})."
 
@@ -125,8 +126,8 @@ def elevation_drawing(
 ) -> Figure:
     """Return a drawing to scale: the structure with dimensions and masses, and beside it one rotated column.
 
-    - `podium`: a single podium. The drawing has dimension lines for the distances of columns only if the
-      podium has an elevation, and for stories only if it has story heights
+    - `podium`: a single podium. Dimension lines for the distances of columns are drawn only if the podium has
+      an elevation, and those for stories only if it has story heights
     - `units`: units of the numbers in the drawing
     - `column_mass`: mass of one column [kg]; None omits all masses
     - `columns`: number of columns N, for a podium without an elevation

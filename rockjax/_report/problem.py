@@ -79,8 +79,8 @@ class MotionSet:
 
     @property
     def identities(self) -> tuple[str, ...]:
-        """A text for each motion, which changes whenever the response to the motion may change: the hash, and
-        the sampling intervals of a record."""
+        """For each motion, a text with its hash and, for a record, the sampling intervals. Motions with equal
+        texts cause equal responses."""
 
         def intervals(member: Any) -> list[float]:
             components = (member, member.vertical) if isinstance(member, Motion) else ()
@@ -144,9 +144,9 @@ class Problem:
         return hashlib.sha256(self.text.encode()).hexdigest()
 
     def varied(self, factors: Mapping[str, Any]) -> Podium:
-        """Return the structure with inputs multiplied by factors, which JAX may trace.
+        """Return the structure with inputs multiplied by factors.
 
-        - `factors`: key of an input → factor, which applies to all values of a list
+        - `factors`: key of an input → factor on the number, or on all numbers of a list; JAX may trace it
         """
         return podium_with(self.structure, factors)
 
@@ -157,13 +157,14 @@ class Problem:
 
     @property
     def leaf_derivatives(self) -> list[Any]:
-        """Derivatives of the leaves of `podium` with respect to the logarithms ln y of the inputs y in
-        `variables`, over which the last axis runs."""
+        """For each leaf of `podium`, its derivatives with respect to ln y for the inputs y in `variables`.
+        The last axis runs over these inputs."""
         return self._derivatives[0]
 
     @property
     def split_derivatives(self) -> Podium:
-        """`podium.split_rows()` with each leaf replaced by its derivatives, as in `leaf_derivatives`."""
+        """`podium.split_rows()` with each leaf replaced by its derivatives, in the form of
+        `leaf_derivatives`."""
         return self._derivatives[1]
 
     @functools.cached_property
@@ -193,8 +194,10 @@ class Problem:
 
 
 def podium_with(structure: models.ByRatios | models.ByDimensions, factors: Mapping[str, Any]) -> Podium:
-    """Return the podium of a table whose values are multiplied by factors (input → factor), which JAX may
-    trace."""
+    """Return the podium of a table `[structure]` with inputs multiplied by factors.
+
+    - `structure`: the table; `factors`: key of an input → factor, which JAX may trace
+    """
     changes: dict[str, Any] = {}
     nested: dict[str, dict[str, Any]] = {}
 

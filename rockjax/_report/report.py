@@ -38,7 +38,7 @@ class Report:
 
     @property
     def html(self) -> str:
-        """The page as a self-contained HTML file."""
+        """The page as the text of a self-contained HTML file."""
         return self._encoded("html")["report.html"].decode()
 
     @property
@@ -53,12 +53,12 @@ class Report:
 
     @property
     def verified(self) -> bool:
-        """True if every check passes, except those made by others; False if all are made by others."""
+        """True if every check passes or is made by others, and at least one passes."""
         return self.evaluation.is_verified
 
     def to_csv(self, folder: str | Path) -> list[Path]:
-        """Write a CSV file for each table into a folder, which is made if needed. Return the paths of the
-        files."""
+        """Write a CSV file for each table into a folder, and make the folder if it is missing. Return the
+        paths of the files."""
         return [
             write_atomically(Path(folder) / name, _writer(content))
             for name, content in self._encoded("csv").items()
@@ -105,18 +105,19 @@ def report(
     """Return the design report of a problem, outside jit.
 
     - `problem`: path of a problem file, a [`rockjax.Problem`][], or an [`rockjax.Evaluation`][]
-    - `output`: path of the page, NAME.html. NAME.json (all numbers in SI) and NAME.nc (all scenes) are
-      written beside it; scenes that NAME.nc already has are not solved again. For an `Evaluation`, the file
-      of scenes is its `store` instead of NAME.nc. None writes nothing
-    - `units`: units of the page, such as "kN,m,deg,g,mm": at most one for each kind of quantity, and two for
-      lengths, of which the larger applies to dimensions and the smaller to displacements. By default, the
-      units of the file, or "kN,m,deg,g,mm" if the file states none
+    - `output`: path of the page, NAME.html; None writes nothing. NAME.json (all numbers in SI) and NAME.nc
+      (all scenes) are written beside the page. Scenes that NAME.nc already has are not solved again. If
+      `problem` is an `Evaluation`, its scenes are written to the `store` that [`rockjax.evaluate`][] was
+      given, not to NAME.nc
+    - `units`: units of the page, such as "kN,m,deg,g,mm": at most one for each kind of quantity, but two for
+      lengths. Of these two, the larger applies to dimensions and the smaller to displacements. By default,
+      the units of the file, or "kN,m,deg,g,mm" if the file states none
     - `skip`, `progress`: as for [`rockjax.evaluate`][]; unused for an `Evaluation`
     - `command`: the command line that makes the report, shown at the head of the page; "" for none
 
-    Returns a [`rockjax.Report`][]. Raises `ValueError` for an invalid problem file, for unknown units, and
-    for an `output` whose suffix is neither .html nor .htm, before anything is solved; and `OSError` for files
-    that cannot be read or written. For a PDF, print the page from a browser.
+    Returns a [`rockjax.Report`][]. Before anything is solved, raises `ValueError` for an invalid problem
+    file, for unknown units or unknown names in `skip`, and for an `output` whose suffix is neither .html nor
+    .htm. Raises `OSError` for files that cannot be read or written. For a PDF, print the page from a browser.
     """
     path = None if output is None else Path(output)
     if path is not None and path.suffix.lower() not in (".html", ".htm"):

@@ -37,22 +37,25 @@ if TYPE_CHECKING:
 
 MAX_SCALE = 10.0  # largest factor in the search for overturning
 JUST_BELOW = 1 - 1e-6  # a boundary times this factor gives a scene just below the boundary
-# The search for the end of a window of overturning evaluates these multiples of the least overturning factor.
+# The search for the end of a window of overturning starts with scenes at these multiples of the least
+# overturning factor.
 WINDOW_FACTORS = 1 + np.geomspace(1e-6, 1.0, 32)
 BOUNDARY_ERROR = 1e-9  # relative error of overturning factors from scenes with `boundary_options`
 
 
 def least_factors(scenes: Scenes, name: str, event: str) -> xarray.Dataset:
-    """Return the least factor that lifts or overturns the columns, for each motion of a set along `motion`.
+    """Return for each motion of a set the least factor that lifts or overturns the columns, along `motion`.
 
     - `scenes`: the scenes of the problem
     - `name`: name of the set; `event`: "uplift" or "overturning"
 
     The variables of the dataset are `factor` and its estimated `error`; the attribute `limit` is the largest
     factor searched. For a motion that does not overturn the columns up to this limit, `factor` is inf and
-    `error` is NaN. For overturning there are two more variables: from `factor` on, scenes overturn up to the
-    factor `survives_from`, and again from `overturns_again_from`. These two are searched up to twice
-    `factor`, and are NaN if they are not found. Narrow windows may be missed.
+    `error` is NaN.
+
+    For overturning there are two more variables. From `factor` to `survives_from`, the columns overturn. From
+    `survives_from` to `overturns_again_from`, they survive. Both are searched up to twice `factor`, and are
+    NaN if they are not found. Narrow windows may be missed.
 
     Raises `RuntimeError` if uplift starts at a factor that is too small to be found.
     """
@@ -73,8 +76,8 @@ def _stored_search(scenes: Scenes, name: str, event: str) -> tuple[str, str, Cal
 
 
 def just_below(factors: np.ndarray, end: float = MAX_SCALE) -> np.ndarray:
-    """Return factors just below the boundaries `factors`, or `end`, the end of the search, where `factors` is
-    not finite because no boundary was found."""
+    """Return factors just below the boundaries `factors`. Where `factors` is inf because no boundary was
+    found, return the end of the search, `end`."""
     return np.where(np.isfinite(factors), JUST_BELOW * factors, end)
 
 
@@ -83,7 +86,7 @@ def _uplift(scenes: Scenes, motions: MotionSet) -> xarray.Dataset:
 
     scenes.describe(f"uplift factors of {motions.name}")
     factor = _estimate_uplift_factors(scenes, motions)
-    # A second solution at 0.9 times the factor, without uplift, gives the factor and its error.
+    # A second solution at 0.9 times the estimate, still without uplift, gives the factor and its error.
     excitations = [y.scaled(0.9 * f) for y, f in zip(motions.excitations, factor, strict=True)]
     data = scenes.solve(scenes.problem.podium, excitations, _uplift_options(scenes.problem), ("motion",))
     factor = 0.9 * factor / data["uplift_ratio"].values
@@ -100,6 +103,8 @@ def _estimate_uplift_factors(scenes: Scenes, motions: MotionSet) -> np.ndarray:
     from rockjax._batch.batch import peak_responses
 
     podium, options = scenes.problem.podium, _uplift_options(scenes.problem)
+    # The first factors are 0.3 times those that lift a rigid structure. If the columns lift nevertheless,
+    # because of vibrations or vertical motion, the factors are reduced.
     largest = np.array([_largest_acceleration(y) for y in motions.excitations])
     factors = 0.3 * float(podium.uplift_ground_acceleration) / largest
     for _ in range(20):
@@ -127,7 +132,7 @@ def _overturning(scenes: Scenes, motions: MotionSet) -> xarray.Dataset:
 
     found = scan(plane, np.arange(len(motions)), (0.0, MAX_SCALE), ROW_SIZE, options, first_only=True)
     factors, _ = found.crossings.first(len(motions))
-    # Boundaries are bisected to rounding, so the error of a factor is the error of the scenes.
+    # Boundaries are bisected to rounding, so the error of a factor stems from the errors of the scenes only.
     error = np.where(np.isfinite(factors), factors * BOUNDARY_ERROR, np.nan)
     survives, overturns = _window_ends(plane, factors, options)
     variables = {
@@ -142,13 +147,14 @@ def _overturning(scenes: Scenes, motions: MotionSet) -> xarray.Dataset:
 def _scaled_motions(podium: Podium, motions: MotionSet) -> Plane:
     """Return the function (indices of motions, factors) ↦ (podium, motions multiplied by the factors)."""
     batch = as_batch("report", motions.excitations)
+    # The elevation and restrainers without strength do not affect the motion.
     structure = podium.split_rows().without_idle_restrainers().without_elevation()
     return lambda motion, factor: (structure, pick_motions(batch, motion).scaled(factor))
 
 
 def _window_ends(plane: Plane, factors: np.ndarray, options: Options) -> tuple[np.ndarray, np.ndarray]:
-    """Return the factors at which the first window of overturning ends, and those at which the next window
-    begins, each (motions,); NaN where none was found.
+    """Return the factors at which the first window of overturning ends, and the factors at which the next
+    window begins, each of shape (motions,); NaN where none was found.
 
     - `plane`: result of `_scaled_motions`
     - `factors`: the least overturning factors, (motions,), inf where no factor overturns

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 
 
 class Needs(NamedTuple):
-    """Outputs and objects on floors (name → block or oscillator) that the checks of a set of motions need."""
+    """Needs of the checks of a set of motions: outputs, and objects on floors (name → block or
+    oscillator)."""
 
     outputs: dict[str, None] = {}  # an ordered set
     on_floors: dict[str, Any] = {}
@@ -38,7 +39,7 @@ class Scenes:
     """The scenes of a problem.
 
     - `problem`: the problem; `store`: stores the solved scenes
-    - `needed`: set of motions → outputs and objects on floors that the checks need
+    - `needed`: set of motions → outputs and objects on floors that the checks of this set need
     - `progress`: object with `update(number)` and `describe(text)`, or None
     - `with_spread`: whether the scenes of `variations` are solved too
     """
@@ -65,9 +66,9 @@ class Scenes:
 
     @functools.cached_property
     def variations(self) -> tuple[str, ...]:
-        """Names of the variations. With the number `spread` of `[report]`, "width-" multiplies the input
-        `width` by 1 − spread and "width+" by 1 + spread; "motion-" and "motion+" multiply all motions. Empty
-        unless `with_spread`."""
+        """Names of the variations; empty unless `with_spread`. With the key `spread` of the table `[report]`,
+        "width-" multiplies the input `width` by 1 − spread, and "width+" by 1 + spread. "motion-" and
+        "motion+" multiply all motions by these factors."""
         names = (*self.problem.variables, "motion") if self.with_spread else ()
         return tuple(f"{name}{sign}" for name in names for sign in "-+")
 
@@ -145,7 +146,8 @@ class Scenes:
         return self._solve_variants(f"laws.{name}{_suffix(factor)}", name, podiums, factors, outputs)
 
     def _solve_variations(self, name: str, factor: float = 1.0) -> xarray.Dataset:
-        """Return the peaks of a set with changed inputs, without errors, along `variant` and `motion`."""
+        """Return the peaks of a set with changed inputs, along `variant` and `motion`. They have no estimated
+        errors."""
         podiums = {variation: self.podium(None, variation) for variation in self.variations}
         factors = [factor * self.factors(variation).get("motion", 1.0) for variation in podiums]
         label, outputs = f"variations.{name}{_suffix(factor)}", self._needed_outputs(name)
@@ -163,7 +165,7 @@ class Scenes:
         factors: list[float],
         outputs: tuple[str, ...],
     ) -> xarray.Dataset:
-        """Return the peaks of variants of the structure under a set, along `variant` and `motion`.
+        """Return the peaks of variants of the structure under a set of motions, along `variant` and `motion`.
 
         - `label`: name in the store; `name`: the set
         - `podiums`: name of the variant → structure; `factors`: factor on the motions for each variant
@@ -186,12 +188,12 @@ class Scenes:
     def _with_floor_errors(
         self, data: xarray.Dataset, excitations: Any, options: Options, on_floors: dict[str, Any]
     ) -> xarray.Dataset:
-        """Return peaks with the estimated errors of blocks and oscillators on floors.
+        """Add the estimated errors of blocks and oscillators on floors to peaks, and return the peaks.
 
         The error is the difference from a second solution, and inf where a block overturns in only one of the
         two solutions.
 
-        - `data`: the peaks, along `motion`
+        - `data`: dataset of the peaks, along `motion`
         - `excitations`, `options`, `on_floors`: motions, options, and objects on floors of the scenes
         """
         if not on_floors:
@@ -229,6 +231,7 @@ class Scenes:
         peaks = peak_responses(podium, excitations, options=options, progress=progress, on_floors=objects)
         data = xarray.Dataset(data_variables(peaks, options.outputs, dims))
         answers = dict(zip(on_floors, peaks.on_floors, strict=True))
+        # Blocks have the dim `contents`, and oscillators the dim `oscillator`.
         names = {
             dim: [name for name, answer in answers.items() if isinstance(answer, kind)]
             for kind, (dim, _) in VARIABLES.items()
@@ -260,8 +263,11 @@ class Scenes:
 
     # ---------------------------------------------------------------------------------------------- histories
     def history(self, name: str, motion: int) -> xarray.Dataset:
-        """Return the response history under the motion `motion` (an index) of a set, in the form of
-        [`rockjax.Response.dataset`][]; with the joint forces if the podium has an elevation."""
+        """Return the response history under one motion of a set, in the form of
+        [`rockjax.Response.dataset`][]. It has the joint forces if the podium has an elevation.
+
+        - `name`: the set; `motion`: index of the motion in the set
+        """
         from rockjax._responses.response import with_joints
         from rockjax._responses.simulate import simulate
 

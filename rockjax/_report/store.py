@@ -47,7 +47,8 @@ class Store:
 
     Long computations can be started in another thread (`start`), while this thread computes other datasets.
 
-    - `path`: file (.nc) of the datasets; datasets that it already has are read. None keeps all in memory
+    - `path`: file NAME.nc of the datasets. Datasets in this file, and in NAME.partial.nc of an unfinished
+      report, are read. None keeps all datasets in memory
     """
 
     def __init__(self, path: Path | None = None):
@@ -59,8 +60,8 @@ class Store:
             self._load(candidate)
 
     def _load(self, path: Path) -> None:
-        """Read the datasets of an earlier report from a file; ignore a file that is missing, damaged or of
-        another kind."""
+        """Read the datasets of an earlier report from a file, if it exists. If it cannot be read, discard all
+        datasets, including those from another file."""
         if not path.exists():
             return
         import xarray
@@ -95,10 +96,10 @@ class Store:
         return data
 
     def start(self, name: str, inputs_hash: str, compute: Callable[[], xarray.Dataset]) -> bool:
-        """Start to compute a dataset in another thread, unless it is stored; `get` waits for the result.
+        """Start to compute a dataset in another thread, unless it is stored. `get` waits for the result.
 
         The arguments are those of `get`. `compute` should call `raise_if_stopped` from time to time. Returns
-        whether the dataset is still to come.
+        False if the dataset is stored, otherwise True.
         """
         if self._has(name, inputs_hash):
             return False
@@ -138,8 +139,8 @@ class Store:
         self.last_write = time.monotonic()
 
     def save(self) -> Path | None:
-        """Write all datasets to the file, unless it has them already, and remove the partial file. Return the
-        path; None if there is no file."""
+        """Write all datasets to the file `path`, unless it has them already, and remove NAME.partial.nc.
+        Return the path; None if the store has no path."""
         if self.path is None:
             return None
         if self.computed or not self.path.exists():

@@ -180,8 +180,8 @@ class Column:
     """A column of a table.
 
     - `heading`: heading without a unit
-    - `kind`: what the numbers measure; their unit is added to the heading. None for texts and for numbers of
-      several kinds, each of which is shown with its unit
+    - `kind`: what the numbers measure; their unit is added to the heading. None for a column of texts, and
+      for one with numbers of several kinds; such a number is shown with its unit
     - `note`: a second line below the heading
     """
 
@@ -290,9 +290,9 @@ class Table:
 def format_number(quantity: Quantity, units: Units) -> str:
     """Return the digits of a quantity in the units of a page, without unit and error.
 
-    Numbers have four significant digits, or fewer, so that the last one is the first digit of the error.
-    Inputs have up to six significant digits, without trailing zeros. Counts have no decimals. Utilisations
-    have two decimals, or as many more as distinguish them from 1; four significant digits from 1000 on.
+    Numbers have at most four significant digits, and none after the first digit of the error. Inputs have up
+    to six significant digits, without trailing zeros. Counts have no decimals. Utilisations have two
+    decimals, or as many more as distinguish them from 1; from 1000 on they have four significant digits.
     """
     value = units.show(quantity.value, quantity.kind)
     digits = KINDS[quantity.kind].digits
@@ -360,7 +360,7 @@ def plain_part(part: Part, units: Units) -> str:
 
 
 def plain_cell(cell: Cell, units: Units, *, shows_unit: bool = True) -> str:
-    """Return a cell as text without its note, and without its unit unless `shows_unit`."""
+    """Return a cell as text, without its note. `shows_unit`: whether to add the unit to numbers."""
     if isinstance(cell, TextCell):
         return plain(cell.text, units)
     if isinstance(cell, Formula):

@@ -93,8 +93,8 @@ class Units:
       example, ("kN", "m", "deg", "g", "mm") shows a column 3 m high and its top displaced by 325 mm.
     - `g`: gravity [m/s²], the size of the unit "g"
 
-    Raises `ValueError` for an unknown unit, with the nearest known unit, for two units of one kind, and for a
-    gravity that is not positive and finite.
+    Raises `ValueError` for an unknown unit, with the nearest known unit; for two units of one kind, or of
+    lengths for more than two or equal ones; and for a gravity that is not positive and finite.
     """
 
     names: tuple[str, ...] = ()
@@ -172,7 +172,8 @@ def size_of(unit: str, kind: str, g: float = STANDARD_GRAVITY) -> float:
 
 
 def kind_of_unit(unit: str) -> str:
-    """Return the kind for a unit of outputs and datasets; "m" is a displacement."""
+    """Return the kind that belongs to a unit of outputs and datasets. "m" gives "displacement", and an
+    unknown unit gives "number"."""
     return _KIND_OF_UNIT.get(unit, "number")
 
 
@@ -215,8 +216,8 @@ def unit_of_kind(unit: str, kind: str, *, owner: str = "unit", subject: str = ""
 
 
 def _alias(text: str) -> str:
-    """Return the name in `KINDS` for a spelling of a unit; an unknown spelling loses its spaces, ·, * and
-    ^."""
+    """Return the name in `KINDS` for a spelling of a unit. An unknown spelling is returned without spaces, ·,
+    * and ^."""
     plain = re.sub(r"[\s·*^]", "", text)
     return _ALIASES.get(plain, plain)
 

@@ -23,9 +23,10 @@ from rockjax._types import Values
 class UpliftRatio(AbstractOutput):
     """Largest uplift demand over time, divided by its threshold [–].
 
-    The ratio is max(±q/q_up − r), with the demand q of Eq. (9), the threshold q_up of |q|, and the relative
-    change r of the threshold by vertical motion. As long as the columns do not lift, the ratio is
-    proportional to the motion, so 1/ratio is the least factor on the motion that lifts the columns.
+    The ratio is max(±q/q_up − r), with the demand q of Eq. (9), its threshold q_up, and the relative change r
+    of the threshold by vertical motion: columns lift at |q| = q_up (1 + r). As long as the columns do not
+    lift, q and r are proportional to the motion, so 1/ratio is the least factor on the motion that lifts the
+    columns.
     """
 
     name = "uplift_ratio"

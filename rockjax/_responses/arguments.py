@@ -19,8 +19,8 @@ from rockjax._unit_warnings import warn_about_units
 
 
 def check_types(owner: str, podium, options, name: str = "podium") -> None:
-    """Raise `ValueError` if the podium or the options have a wrong type or floats of another type than JAX's
-    default, and if `rtol` is too small for this type.
+    """Raise `ValueError` if the podium or the options have a wrong type, if their floats have another type
+    than JAX's default, or if `rtol` is too small for this type.
 
     - `owner`: name of the calling function, for messages
     - `podium`, `options`: a `Podium` and `Options`
@@ -94,9 +94,9 @@ def check_range(owner: str, podium: Podium, excitation: AbstractExcitation, t_en
     - `podium`, `excitation`, `options`: structure, ground motion and options of the scenes
     - `t_end`: end of the scenes [s], or None
 
-    Raises `ValueError` for floats of another type than JAX's default; if `overturn_ratio` exceeds π/(2α), or,
-    with the margin requested, θ_s/α with the stability angle θ_s; and if `t_end` is not finite and after the
-    start of the excitation.
+    Raises `ValueError` for floats of another type than JAX's default; if `overturn_ratio` exceeds π/(2α); if
+    the margin is requested and `overturn_ratio` exceeds θ_s/α, where θ_s is the stability angle of the
+    columns; and if `t_end` is not finite or not after the start of the excitation.
     """
     check_dtype(owner, "excitation", excitation)
     alpha, ratio = concrete(podium.alpha), concrete(options.overturn_ratio)
@@ -130,14 +130,14 @@ def _check_margin(owner: str, podium: Podium, ratio: np.ndarray) -> None:
         require(owner, "options.overturn_ratio", ratio, lambda v: v <= least, accepted)
 
 
-IN_G = 0.05, 1.0  # amplitudes in this range [m/s²] lift almost no structure, and were perhaps given in g
+IN_G = 0.05, 1.0  # range of amplitudes [m/s²] that lift almost no structure, and were perhaps given in g
 
 
 def warn_of_amplitude_in_g(owner: str, podium: Podium, excitation: AbstractExcitation) -> None:
-    """Warn if a pulse cannot lift the columns, but could do so if its amplitude a_p were in g.
+    """Warn if a pulse is too weak to lift the columns, but would lift them if its amplitude a_p were in g.
 
-    Only amplitudes in the range `IN_G` with at most two significant digits are checked, because computed
-    amplitudes have more digits.
+    Only amplitudes in the range `IN_G` with at most two significant digits are checked. Amplitudes with more
+    digits were probably computed.
     """
     amplitude = concrete(excitation.a_p) if isinstance(excitation, AbstractPulse) else None
     if (

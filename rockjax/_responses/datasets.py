@@ -1,4 +1,5 @@
-"""Attributes of result files (parameters, tolerances and versions), and the podium that these describe."""
+"""Attributes of result files (parameters, tolerances and versions), and the podium that attributes
+describe."""
 
 from __future__ import annotations
 
@@ -91,8 +92,9 @@ def describe_podium(podium: Podium) -> dict[str, Any]:
 
 
 def _describe_superstructure(top: AbstractSuperstructure | None) -> dict[str, Any]:
-    """Return the class of a superstructure. For a class whose fields have axes of modes or stories, also
-    return η, the number of stories, the longest period, and all fields as JSON."""
+    """Return the attributes of a superstructure. They contain its class and, if its fields have axes of modes
+    or stories, also η, all fields as JSON, the number of stories of a `ShearBuilding`, and the longest period
+    if the superstructure vibrates."""
     attributes: dict[str, Any] = {"superstructure": "none" if top is None else type(top).__name__.lower()}
     if top is None or not top.rows:
         return attributes

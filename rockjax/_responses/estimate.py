@@ -1,8 +1,8 @@
 """Estimated errors: differences between two solutions of the same scene with different tolerances.
 
-The second tolerance is a tenth of the first, so that the difference is the error of the first solution within
-about 10 %. If a tenth of the first tolerance is too close to rounding, the second tolerance is ten times the
-first, and the difference overestimates the error.
+The second tolerance is a tenth of the first. The difference then equals the error of the first solution
+within about 10 %. If a tenth of the first tolerance is too close to rounding, the second tolerance is ten
+times the first, and the difference overestimates the error.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from rockjax._outputs.values import by_name
 from rockjax._tree import Module
 
 # The true error of the rotation is below this multiple of its estimate in 99.86 % of two million random
-# scenes (docs/verification.md).
+# scenes (docs/verification.md). If an error of this size could change the outcome, a scene is undecided.
 SAFETY = 10.0
 TOLERANCE_RATIO = 0.1  # second tolerance divided by the first, unless rounding prevents this
 # Two solutions have diverged if their sums of `EnergeticImpacts` differ by more than this. A change of the
@@ -31,8 +31,8 @@ TOLERANCE_RATIO = 0.1  # second tolerance divided by the first, unless rounding 
 # chaotic solutions agree by chance.
 SUM_DIFFERENCE = 0.005
 # Rocking is chaotic if the peak rotations of both solutions differ by more than CHAOTIC_RTOLS times `rtol`
-# and more than CHAOTIC_CHANGE, relative to the peak. Their difference is then random, and does not estimate
-# the error.
+# and by more than CHAOTIC_CHANGE, relative to the peak. Their difference is then random, and does not
+# estimate the error.
 CHAOTIC_RTOLS, CHAOTIC_CHANGE = 1e5, 1e-3
 # Two solutions have diverged if their overturning times, multiplied by p, differ by more than this [–]. A
 # change of the distance to the overturning boundary by 1 % has this effect.
@@ -79,7 +79,9 @@ def second_options(options: Options) -> Options:
 def _have_diverged(a: dict[str, Any], b: dict[str, Any], xp) -> Any:
     """Return whether two solutions differ in the impacts after which columns can overturn.
 
-    - `a`, `b`: for each solution, its floats by name
+    - `a`, `b`: for each solution, its floats by name. `energetic` is the sum over impacts that
+      `EnergeticImpacts` defines, `last_energetic` the share of the last impact in this sum, and `fall_time`
+      the time of overturning multiplied by p
     - `xp`: NumPy or jax.numpy
 
     Peaks alone do not show a divergence, because the solutions may diverge after their peaks, and both may
@@ -117,7 +119,8 @@ def errors(first: tuple[dict[str, Any], dict[str, Any]], second, options: Option
 
     rotation = difference_of("peak_rotation")
     overturned = integers["overturned"]
-    # `fall` is proportional to the excess energy at the overturning angle, which is zero on the boundary.
+    # `fall` is proportional to the kinetic energy at the overturning angle, which is zero for a scene on the
+    # boundary between survival and overturning.
     is_close = xp.where(
         overturned,
         a["fall"] < SAFETY * difference_of("fall"),

@@ -1,7 +1,7 @@
 """The motion of floors (the deck, stories, and weighted sums of modes): accelerations and velocity jumps.
 
-An impact changes the velocity of the deck (the beam) in an instant. The accelerations do not contain these
-velocity jumps, which are given separately. The *bodies* are the modes of the superstructure and the beam. The
+At an impact the velocity of the deck (the beam) jumps. The accelerations do not contain these velocity jumps,
+which are given separately. The *bodies* are the modes of the superstructure and the beam. The
 *history* of a scene is the sequence of its accepted steps, whose ends are its *nodes*. A scene is divided
 into *pieces*, in which the accelerations of all bodies are smooth. The equations (L…) are in docs/floors.md
 and docs/equations.md.
@@ -44,8 +44,8 @@ MIN_BEAM_WEIGHT = 1e-12  # a smaller weight of the beam, |1 − ΣW_i|, counts a
 DEGREE = 7  # degree of the polynomials of accelerations
 MAX_LAST_COEFFICIENT = 1e-8  # limit of the last Chebyshev coefficient divided by the largest acceleration
 MAX_HALVINGS = 12  # largest number of times that a piece is halved
-# A ground motion is divided into at least this many pieces, because one step in full contact may cover all of
-# it.
+# A ground motion is divided into at least this many pieces, because a single step in full contact may cover
+# the whole motion.
 MOTION_PIECES = 64
 # Chebyshev points of a piece, at which polynomials are fitted, as fractions of the piece.
 POINTS = 0.5 - 0.5 * np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))
@@ -100,8 +100,8 @@ def bodies(scene: history.Solved, t, left, node) -> Bodies:
     c, nodes = history.constants(podium, excitation, rtol), jax.tree.map(jnp.asarray, nodes)
 
     def at(t, left, node):
-        # The motion just before t is evaluated one rounding error earlier, before an event or breakpoint at
-        # t.
+        # The motion just before t is evaluated one rounding error earlier, and so before an event or a
+        # breakpoint at t.
         t = jnp.where(left, t - jnp.finfo(t.dtype).eps * jnp.maximum(jnp.abs(t), 1.0), t)
         node = jnp.where(node < 0, history.node_before(nodes, t, jnp.zeros((), bool)), node)
         sigma, ground, x, v = history.sample(c, excitation, nodes, method, node, t)
@@ -224,9 +224,10 @@ class Pieces(NamedTuple):
 
 
 class PieceMotions(NamedTuple):
-    """Motion of modes and beam in n pieces. The last of the bodies is the vertical motion of the beam.
+    """Motion of modes and beam in n pieces. Here the vertical motion of the beam counts as the last body.
 
-    - `terms`: coefficients of polynomials of absolute accelerations, shape (n, DEGREE + 1, bodies) [m/s²]
+    - `terms`: coefficients c_k of the absolute accelerations Σ c_k z^k, where z runs from 0 to 1 over the
+      piece, shape (n, DEGREE + 1, bodies) [m/s²]
     - `jumps`: velocity jumps at the start of each piece, shape (n, bodies) [m/s]
     """
 
@@ -241,14 +242,14 @@ def terms_of(accelerations: np.ndarray) -> np.ndarray:
 
 
 def before_and_at(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the arguments `t`, `left` and `node` of `bodies` for instants just before, and at, the times
-    t."""
+    """Return the arguments `t`, `left` and `node` of `bodies`, first for instants just before the times t,
+    then for the times t."""
     return np.tile(t, 2), np.repeat([True, False], t.size), np.full(2 * t.size, -1)
 
 
 def pieces_of(scene: history.Solved, end: float) -> tuple[Pieces, PieceMotions]:
-    """Divide a scene at its nodes and at breakpoints of the ground motion into pieces, and halve these until
-    polynomials are accurate. Return the pieces and the motion in them.
+    """Divide a scene at its nodes and at breakpoints of the ground motion into pieces, and halve pieces until
+    the polynomials are accurate, at most `MAX_HALVINGS` times. Return the pieces and the motion in them.
 
     - `scene`: solved scene; `end`: end of the last piece [s]
     """
@@ -289,7 +290,7 @@ def load_of(pieces: Pieces, motion: PieceMotions, weights: np.ndarray) -> Load:
     """Return the acceleration and the velocity jumps of one floor, (L2), (L3).
 
     - `pieces`, `motion`: pieces of the scene, and the motion of the bodies in them
-    - `weights`: weights of the bodies, shape (bodies,): modes, beam, and vertical motion of the beam
+    - `weights`: weights of the modes, of the beam, and of the vertical motion of the beam, shape (bodies,)
     """
     of_beam = motion.jumps[:, -2:] @ weights[-2:]  # velocities of modes do not jump
     jumps = np.where(pieces.is_impact, of_beam, 0.0)
@@ -320,7 +321,8 @@ class FloorMotion(Module):
     """Motion of the deck, of a story, or of a weighted sum of modes; from [`rockjax.Response.floor`][].
 
     Accelerations are absolute and do not contain the velocity jumps at impacts. Methods that take times
-    return NaN outside the scene, and work under `jit`. The peaks, `last`, `load` and `to_record` do not.
+    return NaN outside the scene, and work under `jit`. The peaks, `last`, `load` and `to_record` do not work
+    under `jit`.
 
     - `weights`: weights W_i of the modes, (L2) [–]; the weight of the deck is 1 − ΣW_i
     - `level`: "deck", the number of the story, or "weights"
@@ -391,8 +393,8 @@ class FloorMotion(Module):
     def last(self, end: float | None = None) -> float:
         """Return the time up to which the motion of the floor can be evaluated [s].
 
-        This is the end of the scene. For a rigid podium that rests for good, it is the end of the scene or
-        `end` [s], by default the end of the ground motion, whichever is later.
+        This is the end of the scene. For a rigid podium that rests for good, it is the later of the
+        end of the scene and `end` [s], which is by default the end of the ground motion.
         """
         scene_end = float(self.end_time)
         if np.isfinite(self._limit):
@@ -458,6 +460,7 @@ def largest_acceleration(load: Load) -> float:
     """Return the largest |a| of a load, at the ends of the pieces or at turning points inside [m/s²]."""
     at_ends = np.concatenate([load.terms[:, 0], load.terms.sum(axis=1)])
     largest = float(np.abs(at_ends).max())
+    # |a| in a piece is at most the sum of its coefficients. Pieces that cannot exceed `largest` are skipped.
     bounds = np.abs(load.terms[:, 1:]).sum(axis=1) + np.abs(load.terms[:, 0])
     for terms in load.terms[bounds > largest]:
         roots = np.polynomial.polynomial.polyroots(np.polynomial.polynomial.polyder(terms))
@@ -467,8 +470,8 @@ def largest_acceleration(load: Load) -> float:
 
 
 def _displacement(load: Load, t: np.ndarray) -> np.ndarray:
-    """Return the displacement at times t [m]: the acceleration, with the velocity jumps, integrated twice.
-    The displacement is zero up to the start."""
+    """Return the displacement at times t [m], from the acceleration and the velocity jumps. It is zero up to
+    the start of the load."""
     k = np.arange(load.terms.shape[1])
     h = load.length[:, None]
     velocity_terms = h * load.terms / (k + 1)  # coefficients of (τ/h)^(k+1)

@@ -25,12 +25,12 @@ class ContentsAnswer(Module):
       started to rock at an impact of the structure
     - `overturned`: |φ| reached `overturn_ratio`·α_c, at `overturn_time` [s] (NaN if not)
     - `impacts`: number of impacts of the block on the floor
-    - `friction_demand`: largest |T|/N, with the horizontal and the vertical force T and N at the foot of the
-      block [–]: at rest, while rocking, at impacts on the floor, and at velocity jumps of the floor, (L15);
+    - `friction_demand`: largest |T|/N with the horizontal force T and the vertical force N at the foot of the
+      block [–], (L15). It covers rest, rocking, impacts on the floor, and velocity jumps of the floor, and is
       inf if the foot would lift off
     - `until_overturning`: the structure overturned; the answers cover the time until then
-    - `result`: a [`rockjax.RESULTS`][], that of the structure if its scene did not finish; then all numbers
-      except `impacts` are NaN
+    - `result`: a [`rockjax.RESULTS`][]. If the scene of the structure did not finish, it is the result of the
+      structure, and all numbers except `impacts` are NaN
     """
 
     peak_rotation: Float[Array, "*batch"]
@@ -48,11 +48,11 @@ class ContentsAnswer(Module):
 
 
 class OscillatorAnswer(Module):
-    """The answers of an [`rockjax.Oscillator`][], (L6), for the time up to the end of the scene. If the floor
-    rests for good, free vibration after the end counts as well.
+    """The answers of an [`rockjax.Oscillator`][], (L6).
 
-    The oscillator has the frequency ω = 2π/period, the damping ratio ζ, and the displacement x relative to
-    the floor.
+    They cover the time up to the end of the scene. If the floor rests for good, they also cover the free
+    vibration of the oscillator after the end. The oscillator has the frequency ω = 2π/period, the damping
+    ratio ζ, and the displacement x relative to the floor.
 
     - `relative_displacement`: S_d = max|x| [m]
     - `pseudo_acceleration`: PSA = ω²S_d [m/s²]
@@ -61,8 +61,8 @@ class OscillatorAnswer(Module):
     - `remaining_ratio`: upper bound of |x| after the end of the scene, divided by S_d [–]; inf if there is no
       bound. S_d is final if this ratio is at most 1
     - `until_overturning`: the structure overturned; the answers cover the time until then
-    - `result`: a [`rockjax.RESULTS`][], that of the structure if its scene did not finish; then the numbers
-      are NaN
+    - `result`: a [`rockjax.RESULTS`][]. If the scene of the structure did not finish, it is the result of the
+      structure, and the numbers are NaN
     """
 
     relative_displacement: Float[Array, "*batch"]

@@ -29,30 +29,30 @@ from .floor import bodies
 from .floor_end import Ending, ending
 
 NEVER_LIFTS = 1.57  # slenderness α of columns so wide that no real ground motion lifts them [rad]
-# By default, a scene continues after the ground motion for at least this many periods of the slowest
-# oscillator.
+# By default, a scene with oscillators on floors continues after the ground motion for at least this many
+# periods of the slowest oscillator.
 PERIODS = 5
 
 
 def end_with_oscillators(podium: Podium, excitation: AbstractExcitation, longest: Any) -> Any:
     """Return the default end of a scene with oscillators on its floors [s].
 
-    This is the default end of `simulate`, or the end of the ground motion plus `PERIODS` times the `longest`
-    period of an oscillator [s], whichever is later.
+    The result is the later of two times: the default end of `simulate`, and the end of the ground motion plus
+    `PERIODS` times the `longest` period of an oscillator [s].
     """
     return jnp.maximum(default_end(podium.resolved(), excitation), excitation.support[1] + PERIODS * longest)
 
 
 class FloorCourse(NamedTuple):
-    """Accelerations and velocity jumps of modes and beam along a history. The last of the bodies is the
-    vertical motion of the beam.
+    """Accelerations and velocity jumps of modes and beam along a history. The vertical motion of the beam
+    counts as the last body.
 
-    - `times`: times of the n nodes of the history [s], with the derivatives of the times of their events; inf
-      after the last node
+    - `times`: times of the n nodes of the history [s]; inf after the last node. At events, their derivatives
+      are those of the event times
     - `accelerations`: absolute accelerations at the Chebyshev points `NODES` of each step [m/s²]
     - `jumps`: velocity jumps at the nodes of the history [m/s]
     - `end`: time of the last node [s]
-    - `ending`: quantities that bound the motion after the end; the bounds are inf if the podium overturned
+    - `ending`: quantities that bound the motion after the end; the bound is inf if the podium overturned
     """
 
     times: Float[Array, " n"]
@@ -62,7 +62,8 @@ class FloorCourse(NamedTuple):
     ending: Ending
 
     def motion(self, weights: Values) -> PiecewiseMotion:
-        """Return the motion of a floor, the sum of the bodies with these weights, (L2), (L3)."""
+        """Return the motion of a floor: the sum of the motions of the bodies with these weights, (L2),
+        (L3)."""
         return PiecewiseMotion.through(self.times, self.accelerations @ weights, self.jumps @ weights)
 
 
@@ -79,8 +80,8 @@ def course_of(scene: history.Solved, has_fallen: Array) -> FloorCourse:
     times = jnp.where(is_used, nodes.event_time, last)
     starts = jax.lax.stop_gradient(jnp.where(is_used, nodes.t, last))
     lengths = jnp.append(jnp.diff(starts), 0.0)
-    # The motion is evaluated at the `NODES` of every step, the last of them just before the end of the step,
-    # and just before the impacts.
+    # The motion is evaluated at the `NODES` of every step, and then just before the impacts. The last of the
+    # `NODES` of a step is evaluated just before the end of the step.
     is_impact = jnp.isfinite(nodes.impact_time) & is_used
     t = starts[:, None] + lengths[:, None] * (0.5 + 0.5 * jnp.asarray(NODES))[None, :]
     left = jnp.broadcast_to(NODES[-1] == NODES, t.shape)
@@ -108,7 +109,7 @@ def course_of(scene: history.Solved, has_fallen: Array) -> FloorCourse:
 
 
 def without_fast_forwards(plan: Plan) -> Plan:
-    """Return the plan without fast-forwards, which skip trial steps."""
+    """Return the plan without fast-forwards, which skip parts of a scene."""
     return dataclasses.replace(plan, fast_forwards=())
 
 
@@ -125,7 +126,7 @@ def floor_course(
 
     - `podium`, `excitation`, `initial`, `t_end`, `options`: the scene
     - `capacity`: number of steps that the history can hold
-    - `reversible`: whether to integrate in a loop that reverse mode can differentiate
+    - `reversible`: whether to integrate in a loop that reverse-mode differentiation supports
     """
     plan = without_fast_forwards(plan_for(podium, options, history=True))
     scene, state = prepare(podium, excitation, initial, t_end, options, plan)

@@ -33,11 +33,11 @@ class Values(NamedTuple):
     """The n values of a check: one for each case, or one for all cases.
 
     - `values`: (n,) [SI]; ±inf where a text replaces the number
-    - `errors`: (n,) estimated errors [SI], NaN where unknown
+    - `errors`: (n,) estimated errors [SI]; NaN or inf where unknown
     - `texts`: (n,) texts that replace numbers, such as "overturned at 5.85 s"; "" for numbers
     - `locations`: (n,) storey, joint or time of each value; "" for none
-    - `unanswered`: for each scene, or for an estimate, why there is no result, such as "undecided"; "" if
-      there is one. Empty for kinds that always have results
+    - `unanswered`: for each scene, or for the estimate of a probability, why there is no decided answer, such
+      as "undecided"; "" if there is one. Empty for kinds that always have one
     - `names`: (n,) names of the cases (motions or pulses); empty for one value
     - `remark`: text that the summary adds to the value, or ""
     - `error_factor`: a check passes only if value ± `error_factor` · error satisfies the limit
@@ -72,7 +72,8 @@ class Kind(abc.ABC):
     - `section`: number of the section of the page with the details
     - `keys`: keys that only this kind has: name → (type, description)
     - `needs_motions`: whether the check needs a set of motions; `has_limit`: whether it has a limit
-    - `has_one_value`: whether the whole set has one value, so that no motion governs and no statistic applies
+    - `has_one_value`: whether the check has a single value, so that no motion governs and no statistic
+      applies
     - `skip_name`: name in `evaluate(skip=…)` that leaves out checks of this kind; "" if none does
     """
 
@@ -88,8 +89,8 @@ class Kind(abc.ABC):
     skip_name: str = ""
 
     def start(self, entry: Entry, scenes: Scenes) -> bool:
-        """Start a long computation of an entry in another thread, and return whether one was started. Checks
-        of such entries are evaluated after the others."""
+        """Start a long computation of an entry in another thread. Return whether its result is still to come;
+        if it is, the check of the entry is evaluated after the others."""
         del entry, scenes
         return False
 
@@ -117,13 +118,14 @@ class Kind(abc.ABC):
         return self.needs_motions
 
     def limit(self, keys: CheckKeys, quantity: str, g: float) -> float:
-        """Return the limit [SI] of an entry, whose value measures `quantity`; 1 for kinds without a limit.
+        """Return the limit [SI] of an entry; 1 for kinds without a limit.
 
         - `keys`: table of the entry; `g`: gravity [m/s²]
+        - `quantity`: what the value of the entry measures, one of `units.KINDS`
 
-        Raises `ValueError` unless the entry has exactly one limit, `limit` or the one of `at_least` and
-        `at_most` that applies; for a wrong unit; for a maximum that is not positive; and for any limit of a
-        kind without one.
+        Raises `ValueError` unless the entry has exactly one limit: `limit`, or `at_least` for a minimum, or
+        `at_most` for a maximum. Also raises it for a wrong unit, for a maximum that is not positive, and for
+        a limit in an entry of a kind without one.
         """
         bound = "at_least" if self.is_minimum else "at_most"
         given = {name: getattr(keys, name) for name in BOUNDS if getattr(keys, name) is not None}
@@ -155,8 +157,8 @@ class Kind(abc.ABC):
 
     # --------------------------------------------------------------------------------------------- evaluation
     def missing(self, entry: Entry, problem: Problem) -> str:
-        """Return a text that states why the check cannot be made and what would make it possible; "" if it
-        can be made."""
+        """Return a text that states why the check cannot be made and what would make it possible. Return ""
+        if it can be made."""
         if entry.keys.vertical and entry.motions and not problem.motions[entry.motions].has_vertical:
             return (
                 f"Some motions of {entry.motions} have no vertical component; give the set one of the keys "
@@ -165,12 +167,13 @@ class Kind(abc.ABC):
         return ""
 
     def outputs(self, entry: Entry) -> tuple[str, ...]:
-        """Return the outputs that the check needs from the scenes of its set."""
+        """Return the outputs that the check needs from the scenes of its set of motions."""
         del entry
         return ()
 
     def on_floors(self, entry: Entry) -> Mapping[str, Any]:
-        """Return name → block or oscillator on a floor that the check needs in the scenes of its set."""
+        """Return the blocks or oscillators on floors (name → object) that the check needs in the scenes of
+        its set of motions."""
         del entry
         return {}
 
@@ -185,8 +188,8 @@ class Kind(abc.ABC):
         """
 
     def slopes_function(self, entry: Entry, scenes: Scenes, case: int) -> SlopesFunction | None:
-        """Return a function that computes the value of a case, and its derivatives with respect to the
-        logarithms that `derivatives.py` defines; None if the value has no derivatives.
+        """Return a function that computes the value of a case and its derivatives, with respect to the
+        logarithms that `derivatives.py` defines. Return None if the value has no derivatives.
 
         - `case`: index of the motion or pulse
         """
@@ -219,8 +222,8 @@ class Kind(abc.ABC):
         )
 
     def tables(self, entry: Entry, values: Values, scenes: Scenes) -> list[Table]:
-        """Return tables with the details of a check. Several checks may return a table with the same name;
-        the page shows it once."""
+        """Return tables with the details of a check. If several checks return a table with the same name, the
+        page shows only the first."""
         del entry, values, scenes
         return []
 
@@ -239,8 +242,8 @@ def with_texts(
     locations: list[str],
     is_minimum: bool,
 ) -> Values:
-    """Return the values of scenes. A text replaces the value of a scene that overturns, and an infinite
-    value, which means that a joint opens.
+    """Return the `Values` of n scenes. A text replaces the value if the columns overturn, or if the value is
+    infinite. The latter means that a joint opens.
 
     - `scenes`, `entry`: the scenes and the entry
     - `data`: dataset of the scenes, with the dim `motion` of length n
@@ -277,7 +280,7 @@ def errors_of(data: Any, variable: str) -> np.ndarray:
 
 
 def unanswered_scenes(data: Any) -> list[str]:
-    """Return the reason why each scene has no result, such as "undecided"; "" for scenes with a result."""
+    """Return for each scene why it has no decided answer, such as "undecided"; "" if it has one."""
     undecided = np.asarray(data["undecided"], bool) if "undecided" in data else np.zeros(data.sizes["motion"])
     return [
         results.NAMES[int(code)] if results.did_not_finish(code) else "undecided" if is_undecided else ""

@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True)
 class FloorKind(Kind):
-    """A check of the largest peak of the blocks or oscillators on floors that the check lists, by default
-    all.
+    """A check of blocks or oscillators on floors. The value is the largest of their peaks. A key of the check
+    lists their names; by default, the check covers all of the file.
 
     - `table`: name of the tables of the problem file that define the blocks or oscillators
     - `dim`: dimension of the blocks or oscillators in datasets

@@ -13,11 +13,12 @@ from .base import Kind, Values
 
 @dataclasses.dataclass(frozen=True)
 class OutsideModel(Kind):
-    """A check of an effect that the model does not contain; `reason` states why the check is not made."""
+    """A check of an effect that the model does not contain. `reason` states why the check is not made."""
 
     reason: str = ""
 
     def limit(self, keys: CheckKeys, quantity: str, g: float) -> float:
+        # A limit in the entry of a kind without one is accepted and ignored.
         return super().limit(keys, quantity, g) if self.has_limit else 1.0
 
     def missing(self, entry: Entry, problem: Problem) -> str:

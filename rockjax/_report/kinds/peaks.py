@@ -1,4 +1,5 @@
-"""Kinds of checks of peaks: one for each peak among the outputs, and some derived from peaks."""
+"""Kinds of checks of peaks: one for each peak among the outputs, and some for quantities derived from
+peaks."""
 
 from __future__ import annotations
 
@@ -28,11 +29,12 @@ class PeakKind(Kind):
     """A check of a peak, multiplied by a factor that depends on the structure.
 
     - `variable`: name of the peak in datasets of scenes
-    - `factor`: function (problem, podium) ↦ the factor, or a factor for each joint, storey or mode; None for
-      1
-    - `needs`: function (problem) ↦ a sentence about missing inputs, or ""
-    - `powers`: pairs (input, exponent) for the inputs that `factor` takes from the problem file, where they
-      do not vary. If a variation multiplies such an input by y, the value is multiplied by y ** exponent
+    - `factor`: function (problem, podium) ↦ one factor, or a factor for each joint, storey or mode; None for
+      the factor 1
+    - `needs`: function (problem) ↦ a sentence about missing inputs; "" if none is missing
+    - `powers`: pairs (input, exponent). `factor` takes these inputs from the problem, not from the podium, so
+      a variation does not change them there. If a variation multiplies such an input by y, the value is
+      multiplied by y ** exponent instead
     - `convert`: function (podium, multiplied peak) ↦ value of the check; None for no conversion
     """
 

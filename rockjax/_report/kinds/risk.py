@@ -40,8 +40,8 @@ UNTESTED = "assumptions are not tested"
 
 @dataclasses.dataclass(frozen=True)
 class FragilityKind(Kind):
-    """A check of the median of the least overturning intensities of a set, with the settings of
-    `[fragility]`."""
+    """A check of the median overturning intensity of a set of motions: the median of the least intensities at
+    which the motions overturn the columns. The table `[fragility]` has the settings."""
 
     def read(self, keys: CheckKeys, reader: Reader, file: models.Problem, podium: Podium) -> dict[str, Any]:
         arguments = super().read(keys, reader, file, podium)
@@ -93,7 +93,7 @@ class FragilityKind(Kind):
 @dataclasses.dataclass(frozen=True)
 class AnnualKind(FragilityKind):
     """A check of the annual frequency of overturning, from a hazard curve and a fragility curve. The
-    fragility curve is that of `[risk]`, or else that of a set of motions."""
+    fragility curve is given in the table `[risk]`; otherwise it is computed from the set of motions."""
 
     def read(self, keys: CheckKeys, reader: Reader, file: models.Problem, podium: Podium) -> dict[str, Any]:
         arguments = Kind.read(self, keys, reader, file, podium)
@@ -127,7 +127,8 @@ class AnnualKind(FragilityKind):
         return super().curve(entry, scenes) if given is None else given
 
     def _annual(self, entry: Entry, scenes: Scenes) -> xarray.Dataset:
-        """Return `frequency`, `return_period`, `probability`, `extrapolated` and `sensitivity`."""
+        """Return a dataset with `frequency`, `return_period`, `probability`, `extrapolated` and
+        `sensitivity`."""
         import xarray
 
         curve, hazard = self.curve(entry, scenes), entry.arguments["hazard"]
@@ -179,7 +180,8 @@ class AnnualKind(FragilityKind):
 
 @dataclasses.dataclass(frozen=True)
 class ShareKind(Kind):
-    """A check of the share of the motions of a set that overturn the columns when multiplied by a factor."""
+    """A check of the share of the motions of a set that overturn the columns. The key `intensity` is a factor
+    on all motions."""
 
     @property
     def has_variants(self) -> bool:
@@ -228,7 +230,7 @@ class FailureKind(Kind):
             if "envelope" in given:
                 given["envelope"] = Envelope(**given["envelope"].as_arguments())
             arguments["motion"] = GaussianMotion(**given)
-        # Failure is overturning; with an overturn_ratio < 1, it is a rotation above this ratio.
+        # Failure is overturning, or a rotation |θ|/α above an overturn_ratio < 1.
         ratio = file.options.overturn_ratio
         return arguments | ({"limit": ("rotation", ratio)} if ratio is not None and ratio < 1 else {})
 
@@ -237,7 +239,8 @@ class FailureKind(Kind):
         return "" if "motion" in entry.arguments else "The check has no random motion; give its key motion."
 
     def _data(self, entry: Entry, scenes: Scenes) -> xarray.Dataset:
-        """Return `probability`, `standard_error`, `scenes`, `converged` and `interval` of the estimate."""
+        """Return a dataset with `probability`, `standard_error`, `scenes` (their number), `converged` and
+        `interval` of the estimate."""
         import xarray
 
         settings = {
@@ -284,7 +287,7 @@ class FailureKind(Kind):
 
 def measure_of_file(file: models.Problem) -> tuple[str, float | None]:
     """Return name and period [s] of the intensity measure in `[fragility]`; the period is None for a measure
-    without one. Without the table, the measure is the factor on the motions."""
+    without one. If the file has no such table, the measure is the factor on the motions, "scale"."""
     settings = file.fragility
     has_table = "fragility" in file.model_fields_set
     return (settings.measure, settings.measure_period) if has_table else ("scale", None)
@@ -300,7 +303,8 @@ def _measure_of_hazard(hazard: Hazard) -> tuple[str, float | None]:
 def _fragility(scenes: Scenes, name: str, named_measure: tuple[str, float | None]) -> xarray.Dataset:
     """Compute the result of `FragilityKind.curve`.
 
-    - `name`: name of the set; `named_measure`: name and period of the intensity measure
+    - `scenes`: the scenes of the problem; `name`: name of the set of motions
+    - `named_measure`: name and period [s] of the intensity measure
     """
     from rockjax._motions.motion import Motions
     from rockjax._studies.curve import fragility
@@ -325,8 +329,8 @@ def _fragility(scenes: Scenes, name: str, named_measure: tuple[str, float | None
 
 
 def _numbers_of(curve: Any) -> list[float]:
-    """Return the numbers of a fragility curve that determine the annual frequency and its derivatives. The
-    first two are median and dispersion."""
+    """Return the numbers of a fragility curve that determine the annual frequency and its derivatives: first
+    the median, then the dispersion, then others."""
     if isinstance(curve, Lognormal):
         return list(map(float, curve))
     names = ("median_capacity", "dispersion", "no_damage_limit", "min_intensity", "max_intensity")

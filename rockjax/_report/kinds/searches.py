@@ -43,8 +43,9 @@ def searched_values(
 ) -> Values:
     """Return the `Values` of a search.
 
-    - `values`, `errors`: fields of `Values`, (n,); values are inf where the search found nothing
-    - `end`: largest searched value. If it is below the limit `limit`, values of inf do not decide the check
+    - `values`, `errors`: fields of `Values`, (n,); a value is inf if the search found nothing
+    - `end`, `limit`: largest searched value, and limit of the check, in the unit of the values. If `end` is
+      below `limit`, a value of inf does not decide the check
     - `fields`: other fields of `Values`
     """
     is_missing = ~np.isfinite(values)
@@ -61,7 +62,8 @@ def searched_values(
 
 @dataclasses.dataclass(frozen=True)
 class ScaleKind(Kind):
-    """A check of the least factor on each motion that causes the `event` "uplift" or "overturning"."""
+    """A check of the factors on the motions of a set: for each motion, the least factor at which the columns
+    lift (`event` = "uplift") or overturn (`event` = "overturning")."""
 
     event: str = "overturning"
 
@@ -168,7 +170,7 @@ class PulseKind(Kind):
         pulse = entry.arguments["pulse"]
         periods = np.atleast_1d(entry.arguments["T_p"])
         pulses = [pulse(float(a), float(T)) for a, T in zip(amplitudes, periods, strict=True)]
-        options = scenes.options("")  # of no set, so without the outputs that checks need
+        options = scenes.options("")  # no set is called "", so outputs that checks need are not included
         return scenes.peaks_under(f"boundary.{entry.id}", options, pulses)
 
     def scope(self, entry: Entry, problem: Problem) -> str:

@@ -56,7 +56,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 
 
 def _row(assumption: Assumption, evaluation: Evaluation) -> tuple[TextCell, ...]:
-    """Return the row of an assumption, with the result of the worst set of motions."""
+    """Return the row of an assumption. It counts as violated if it is violated for any set of motions."""
     texts, violated, tested = [], False, False
     for name, outcomes in evaluation.assumptions.items():  # sets of motions
         outcome = outcomes[assumption.id]
@@ -67,7 +67,7 @@ def _row(assumption: Assumption, evaluation: Evaluation) -> tuple[TextCell, ...]
         tested = True
         violated |= bool(outcome.violated.any())
         texts.append(_sentence(name, outcome))
-    if assumption.id == "A6":  # the law of impact, which is tested by checks under other laws
+    if assumption.id == "A6":  # the law of impact; the test is whether results change under other laws
         changed = [
             check.id
             for check in evaluation.checks
@@ -88,7 +88,8 @@ def _row(assumption: Assumption, evaluation: Evaluation) -> tuple[TextCell, ...]
 
 
 def _result_if_valid(check: Check) -> str:
-    """Return the result that a check has, or would have if the assumptions held."""
+    """Return the result of a check; for a result NOT VALID, the result that it would have if the assumptions
+    held."""
     return "PASS" if check.result == "NOT VALID" else check.result
 
 
@@ -101,7 +102,8 @@ def _sentence(name: str, outcome: Outcome) -> str:
 
 
 def _laws(evaluation: Evaluation) -> Table | None:
-    """Return the table of checks under each law of impact, for assumption A6; None without such checks."""
+    """Return the table of the checks under each law of impact, for assumption A6; None if no check was
+    evaluated under other laws."""
     checks = [check for check in evaluation.checks if check.laws]
     if not checks:
         return None

@@ -1,4 +1,4 @@
-"""Functions that several sections use: sets of motions, governing scene, pictures and tables."""
+"""Functions for several sections: sets of motions, governing scene, pictures and tables."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ def sets_with_scenes(evaluation: Evaluation) -> tuple[str, ...]:
 
 
 def governing_scene(evaluation: Evaluation) -> tuple[str, int] | None:
-    """Return (set, index of the motion) of the scene with the largest rotation among those without
-    overturning; None if there are none."""
+    """Return (set, index of the motion) of the scene with the largest rotation among the scenes without
+    overturning; None if there are no such scenes."""
     governing: tuple[float, str, int] | None = None
     for name in sets_with_scenes(evaluation):
         data = evaluation.scenes.peaks(name)
@@ -48,8 +48,8 @@ def stored_figure(evaluation: Evaluation, name: str, inputs: Any, draw: Callable
 
 
 def details(evaluation: Evaluation, section: int) -> list[Table]:
-    """Return the tables with the details of the checks that belong to a section; of tables with the same
-    name, only the first."""
+    """Return the tables with the details of the checks that belong to a section. Of tables with the same
+    name, return only the first."""
     tables: dict[str, Table] = {}
     for check in evaluation.checks:
         if check.values is not None and check.kind.section == section:

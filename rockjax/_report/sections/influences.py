@@ -14,8 +14,9 @@ if TYPE_CHECKING:
     from rockjax._report.evaluation import Check, Evaluation
 
 _NOTE = (
-    "A derivative is valid for one motion and one order of impacts. Therefore the set is also evaluated with "
-    "each input decreased and increased, which shows whether another motion governs or the columns overturn."
+    "A derivative is valid for one motion and one order of impacts. U with one input decreased or increased "
+    "is computed from all motions, so it also shows the effect if another motion governs or the columns "
+    "overturn."
 )
 
 
@@ -43,7 +44,7 @@ def _table(check: Check) -> Table:
         slope: Any = TextCell(check.no_slopes, "none")
         if name in check.sensitivities:
             slope = number_cell(check.sensitivities[name], "number")
-        ends = [TextCell("not repeated", "none")] * 2
+        ends = [TextCell("not computed", "none")] * 2
         if name in check.spread:
             ends = [number_cell(u, "utilisation", text="no finite value") for u in check.spread[name]]
         return TextCell(name), slope, *ends

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 
     from rockjax._report.evaluation import Evaluation
 
-# Output → heading. Axial forces are divided by m_c g in outputs, and by the dead load on the page.
+# Output → heading of the table. Axial forces are divided by m_c g in outputs, but by the dead load in the
+# table.
 _COLUMNS = {
     "least_axial_force": "Least N / dead load",
     "peak_axial_force": "Largest N / dead load",
@@ -111,7 +112,8 @@ def _shears(evaluation: Evaluation, names: list[str]) -> Table:
 
 
 def _picture(evaluation: Evaluation, name: str, k: int) -> Figure | None:
-    """Return the picture of the axial forces of the end columns under the governing motion."""
+    """Return the picture of the axial forces of the end columns under motion k of a set; None if the history
+    has no joint forces."""
     data, label = evaluation.scenes.history(name, k), evaluation.problem.motions[name].names[k]
     if "joint_axial_force" not in data:
         return None

@@ -49,7 +49,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 
 
 def start(problem: Problem, store: Store, names: Iterable[str]) -> None:
-    """Start to compute the results of the methods for sets of motions, in other threads."""
+    """Start to compute the results of the methods for the sets `names`, in other threads."""
     for name in names:
         if _has_records(problem, name):
             store.start(*_stored_results(problem, store, name))
@@ -88,7 +88,8 @@ def _results(problem: Problem, store: Store, name: str) -> list[MethodResult]:
 
 
 def _tables(evaluation: Evaluation, name: str, results: Any) -> list[Table]:
-    """Return a summary of the methods for a set, and their rotations beside the exact ones."""
+    """Return the table of the methods for a set of motions and, if a method computes rotations, the table of
+    these beside the exact rotations."""
     columns = (
         Column("Method"),
         Column("Compares"),
@@ -149,9 +150,11 @@ def _tables(evaluation: Evaluation, name: str, results: Any) -> list[Table]:
 
 
 def _rotation(result: Any, k: int) -> Quantity | TextCell:
+    """Return a cell with the rotation θ/α of a method under motion k. A note states the number of stable
+    solutions of the equation of the method, if there are several."""
     value = float(np.asarray(result.rotation_ratio)[k])
     count = int(np.asarray(result.stable_roots)[k])
-    note = f"{count} answers" if count > 1 else ""
+    note = f"{count} solutions" if count > 1 else ""
     if value >= 1:
         return TextCell("overturns", "overturned", note=note)
     return number_cell(value, "number", note=note) if value > 0 else TextCell("no uplift", "none")

@@ -49,7 +49,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 
 
 def _first_period(podium: Any) -> float | None:
-    """Return the first period of the building on a fixed base [s]; None without a building that vibrates."""
+    """Return the first period of the building on a fixed base [s]; None if no building vibrates."""
     superstructure = podium.superstructure
     oscillators = None if superstructure is None else superstructure.oscillators
     return None if oscillators is None else float(np.max(np.asarray(oscillators.T_s)))
@@ -97,7 +97,7 @@ def _table(evaluation: Evaluation, motions: MotionSet, period: float | None) -> 
                 )
             )
         else:
-            no_value = TextCell("of a pulse", "none")
+            no_value = TextCell("not computed", "none")
             amplitude = float(getattr(member, "a_p", np.nan))
             rows.append(
                 (
@@ -140,8 +140,8 @@ def _draw_spectra(motions: MotionSet, period: float | None, units: Units) -> Fig
     title = f"Response spectra of the set {motions.name}"
     peak = float(values.mean(axis=0).max())
     description = (
-        f"Pseudo-acceleration spectra of {len(motions)} motions with 5 % damping and their mean, whose "
-        f"largest value is {peak:.4g} m/s²."
+        f"Pseudo-acceleration spectra of {len(motions)} motions with 5 % damping, and their mean. The "
+        f"largest value of the mean is {peak:.4g} m/s²."
     )
     caption = f"Spectra of the set {motions.name}, 5 % damping."
     return Figure(

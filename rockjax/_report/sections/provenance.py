@@ -29,7 +29,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
         ("Python", platform.python_version()),
         ("Platform", f"{platform.system()} {platform.machine()}"),
         ("Problem file", f"{problem.path.name}, SHA-256 {problem.sha256}"),
-        ("Scenes solved", str(scenes)),
+        ("Scenes stored", str(scenes)),
     ]
     if problem.risk.hazard is not None:
         path = problem.path.parent / problem.risk.hazard

@@ -42,6 +42,8 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 
 
 def _table(evaluation: Evaluation, name: str) -> Table:
+    """Return the table of the uplift, the peak rotation and the impacts under each motion of a set. If the
+    file asks for the overturning factors of the set, the table has them too."""
     scenes = evaluation.scenes
     data, motions = scenes.peaks(name), evaluation.problem.motions[name]
     podium = evaluation.problem.podium
@@ -99,7 +101,7 @@ def _impacts(count: float) -> Quantity | TextCell:
 
 
 def _history(evaluation: Evaluation, name: str, k: int) -> Figure:
-    """Return the picture of the history of the governing motion, up to shortly after its last impact."""
+    """Return the picture of the history under motion k of a set, up to shortly after the last impact."""
     data, label = evaluation.scenes.history(name, k), evaluation.problem.motions[name].names[k]
     inputs = data.attrs["fingerprint"], name, label
     return stored_figure(
@@ -121,5 +123,7 @@ def _draw_history(evaluation: Evaluation, name: str, k: int, data: xarray.Datase
         f"rotation is {float(peaks['peak_rotation'][k]):.4g} α, at "
         f"{float(peaks['peak_rotation_time'][k]):.4g} s."
     )
-    caption = f"History under {label}, the motion of the set {name} with the largest rotation."
+    caption = (
+        f"History under {label}, the motion of the set {name} with the largest rotation without overturning."
+    )
     return Figure(to_svg(figure, "history", title, description), caption, title, description)

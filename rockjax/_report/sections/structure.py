@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from rockjax._report.evaluation import Evaluation
     from rockjax._report.problem import Input
 
-# Key of an input → (meaning, kind). Meanings of other inputs are in the registry of parameters, `STRUCTURE`.
+# Key of an input → (meaning, kind). The meanings of other inputs are in the registry of parameters,
+# `STRUCTURE`.
 _MEANINGS = {
     "story_masses": ("Storey masses from the bottom", "mass"),
     "story_stiffnesses": ("Storey stiffnesses", "stiffness"),
@@ -175,7 +176,8 @@ def _derived(evaluation: Evaluation) -> Equations:
         rows.append(
             Equation(Formula(f"restitution_{name}"), f"law {name}{note}", Quantity(factor, "number"), label)
         )
-    # Prestressed tendons raise the threshold and the dead load; the formulas do not contain them.
+    # The prestress of tendons raises the threshold and the dead load. The formulas do not contain it, so the
+    # numbers beside them do.
     uplift = float(numbers["uplift_acceleration"])
     ratio = uplift / (g * np.tan(alpha))
     prestress = "" if np.isclose(ratio, 1, rtol=1e-9) else f" · {plain(ratio, 4)} (prestress of the tendons)"
@@ -197,6 +199,7 @@ def _derived(evaluation: Evaluation) -> Equations:
         tendons = Quantity((top - gamma - eta) * weight, "force", is_input=True)
 
         def terms(symbols: str) -> Text:
+            """Return the sum of the weight `symbols` · m_c g and the prestress; "" without prestress."""
             return (f"{symbols} m_c g + ", tendons, " (prestress of the tendons)") if prestress else ""
 
         top_load, bottom_load = (Quantity(y * weight, "force") for y in (top, bottom))
@@ -238,7 +241,7 @@ def _numbers(evaluation: Evaluation) -> xarray.Dataset:
 
 
 def _modes(evaluation: Evaluation) -> list[Any]:
-    """Return the table of modes of the superstructure, or a sentence if there is none that vibrates."""
+    """Return the table of modes of the superstructure, or a sentence if no superstructure vibrates."""
     podium = evaluation.problem.podium
     oscillators = None if podium.superstructure is None else podium.superstructure.oscillators
     if oscillators is None:

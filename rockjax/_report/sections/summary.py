@@ -15,9 +15,10 @@ if TYPE_CHECKING:
 SHOWN_SLOPES = 4  # largest number of derivatives that a row of the summary shows
 _NOTE = (
     "U is value/limit, or limit/value where the limit is a minimum. Errors are estimates of the numerical "
-    "error; for sampled probabilities, they are standard errors. “Changes with” lists the largest "
-    "d ln U/d ln y of inputs y, for the governing motion or, with the statistic mean, for the mean. “U with "
-    "spread” is the range of U of the whole set with each input changed by "
+    "error; for sampled probabilities, they are standard errors. “Changes with” lists the inputs y "
+    "with the largest |d ln U/d ln y|, for the governing motion or, if the statistic is the mean, for the "
+    "mean. “U with spread” is the range of U, evaluated with all motions, if one input at a time is changed "
+    "by "
 )
 
 
@@ -82,15 +83,14 @@ def _row(check: Check, evaluation: Evaluation) -> SummaryRow:
 
 
 def _governs(check: Check) -> Text:
-    """Return the governing motion or pulse of a check, the location of the value, and the reason or
-    remark."""
+    """Return the governing motion or pulse of a check, the location of the value, and `check.reason`."""
     names = check.values.names if check.values else ()
     name = names[check.governing] if check.governing is not None and names else "whole set"
     return ", ".join(text for text in (name, check.location, check.reason) if text)
 
 
 def _slopes(check: Check) -> Text:
-    """Return the largest derivatives of a check, or why there are none."""
+    """Return the derivatives of a check with the largest absolute values, or why there are none."""
     if not check.sensitivities:
         return check.no_slopes if math.isfinite(check.value) else "no finite value"
     largest = sorted(check.sensitivities.items(), key=lambda item: -abs(item[1]))[:SHOWN_SLOPES]
@@ -98,10 +98,13 @@ def _slopes(check: Check) -> Text:
 
 
 def _spread(check: Check) -> Text:
-    """Return the range of U with changed inputs, and the changes that give the largest U, or an infinite
-    U."""
+    """Return the range of U with changed inputs, and the change that gives the largest U.
+
+    If a change makes U infinite, return the least U and up to three of the changes that make it infinite. If
+    U is infinite even with unchanged inputs, return the least U only.
+    """
     if not check.spread:
-        return "not repeated"
+        return "not computed"
     changes = [
         (u, f"{name} {sign}")
         for name, pair in check.spread.items()
