@@ -225,7 +225,7 @@ def utilisations_of(
             return 0.0
         if y > 0:
             return limit / y
-        # limit/y has no meaning for y ≤ 0.
+        # For y ≤ 0 the ratio limit/y does not apply.
         return math.inf if limit > 0 else 0.0 if y >= limit else math.inf
 
     shifts = (-error_factor * error, 0.0, error_factor * error) if math.isfinite(value) else (0.0,) * 3
