@@ -35,7 +35,8 @@ def evaluate(
 
     - `problem`: a [`rockjax.Problem`][], or the path of a problem file
     - `skip`: parts that are left out: `"risk"` (annual frequency, median capacity, failure probability),
-      `"methods"` (the simplified methods) and `"spread"` (checks with each input decreased and increased)
+      `"methods"` (the simplified methods) and `"spread"` (checks with one input at a time decreased or
+      increased)
     - `store`: path of a file NAME.nc with the scenes of an earlier report, which are not solved again; None
       for no file. `evaluate` does not write NAME.nc; [`rockjax.report`][] does, if it is given the evaluation
       and an `output`. If `evaluate` takes long or is interrupted, it writes NAME.partial.nc, from which a

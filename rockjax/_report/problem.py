@@ -115,7 +115,7 @@ class Problem:
     """A problem file as objects, from [`rockjax.read_problem`][].
 
     - `path`, `sha256`: the file and the hash of its text
-    - `podium`: the structure; `inputs`: the keys of `[structure]`, a tuple of `Input`
+    - `podium`: the structure; `inputs`: an `Input` for each key of `[structure]`
     - `motions`: name → `MotionSet`
     - `checks`: the entries of `[[checks]]` and `[[targets]]`
     - `options`: options of the solver

@@ -63,7 +63,8 @@ def least_factors(scenes: Scenes, name: str, event: str) -> xarray.Dataset:
 
 
 def start_search(scenes: Scenes, name: str, event: str) -> bool:
-    """Start the search of `least_factors` in another thread. Return whether it was started."""
+    """Start the search of `least_factors` in another thread, unless its result is stored. Return whether the
+    result is still to come."""
     return scenes.store.start(*_stored_search(scenes, name, event))
 
 
@@ -229,7 +230,8 @@ def _overturning_slopes(problem: Problem, excitation: AbstractExcitation, factor
 
 
 def _largest_acceleration(excitation: Any) -> float:
-    """Return the largest horizontal acceleration of an excitation [m/s²]."""
+    """Return the largest horizontal acceleration of an excitation [m/s²]; of one without samples, the largest
+    at 1001 times."""
     horizontal = getattr(excitation, "horizontal", excitation)
     samples = getattr(horizontal, "acceleration", None)
     if samples is not None:

@@ -1,4 +1,5 @@
-"""The scenes of a report. A scene is the structure under one motion; it is solved once, when first needed."""
+"""The scenes of a report. A scene is the structure under one motion. Answers of scenes are computed when
+they are first needed, and stored."""
 
 from __future__ import annotations
 
@@ -287,7 +288,7 @@ class Scenes:
 def _suffix(factor: float) -> str:
     """Return the ending of names in the store for scenes with a factor on the motions; "" for the factor
     1."""
-    # Without dots, which would separate parts of the name; see `Store.get`.
+    # The factor is written without a dot, because dots separate the parts of a name (see `Store.get`).
     return "" if factor == 1 else f".times {factor!r}".replace(".", " ")
 
 

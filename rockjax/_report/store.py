@@ -45,7 +45,8 @@ MIN_WRITE_INTERVAL = 30.0  # least time between two writes of an unfinished stor
 class Store:
     """Datasets by name, each with the fingerprint of its inputs.
 
-    Long computations can be started in another thread (`start`), while this thread computes other datasets.
+    A long computation can be started in another thread (`start`), so that other datasets can be computed in
+    the meantime.
 
     - `path`: file NAME.nc of the datasets. Datasets in this file, and in NAME.partial.nc of an unfinished
       report, are read. None keeps all datasets in memory
@@ -153,7 +154,7 @@ class Store:
 
         from rockjax._files import CONVENTIONS, write_atomically
 
-        # A DataTree opens the file once; `_files.write_dataset` opens it again for every group.
+        # A DataTree opens the file once; `_files.write_dataset` would open it again for every group.
         attrs = {"title": "Scenes of a report", "kind": "report", "Conventions": CONVENTIONS}
         tree = xarray.DataTree.from_dict({"/": xarray.Dataset(attrs=attrs), **self.data})
         write_atomically(path, lambda name: tree.to_netcdf(name, engine="netcdf4"))

@@ -412,7 +412,8 @@ def _utilisation(value: float) -> str:
 
 
 def _signed(digits: str) -> str:
-    """Return digits with the sign "−", except for zero, and groups of thousands from five digits on."""
+    """Return digits with "−" as the sign of negative numbers (none for zero), and with groups of thousands if
+    there are five or more digits before the decimal point."""
     negative, digits = digits.startswith("-"), digits.removeprefix("-")
     integer, point, decimals = digits.partition(".")
     if integer.isdecimal() and len(integer) > 4:

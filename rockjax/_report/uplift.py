@@ -1,6 +1,6 @@
-"""The output `uplift_ratio`, from which the least factor on a motion that lifts the columns follows.
+"""The output `uplift_ratio`. Its inverse is the least factor on a motion that lifts the columns.
 
-Before uplift the structure is linear, so one solution without uplift determines the factor.
+Before uplift the structure is linear, so one solution without uplift determines this factor.
 """
 
 from __future__ import annotations

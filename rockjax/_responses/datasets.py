@@ -54,7 +54,7 @@ def derived_numbers(podium: Podium) -> dict[str, float]:
 
 
 def describe(podium: Podium, pulse, options: Options) -> dict[str, Any]:
-    """Return the attributes of a spectrum.
+    """Return the attributes of the file of a spectrum.
 
     - `podium`, `options`: structure and options of the scenes
     - `pulse`: class of the pulses, or a function (a_p, T_p) ↦ excitation
@@ -130,7 +130,7 @@ def _restrainers_from_json(text: str) -> tuple[AbstractRestrainer, ...]:
 
 
 def podium_of(attributes: Mapping[str, Any]) -> Podium:
-    """Return the podium that attributes of `describe_podium` describe."""
+    """Return the podium from the attributes that `describe_podium` has returned."""
     makers = {
         "none": lambda: None,
         "rigid": lambda: Rigid(attributes["eta"]),

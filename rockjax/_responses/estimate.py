@@ -28,7 +28,7 @@ SAFETY = 10.0
 TOLERANCE_RATIO = 0.1  # second tolerance divided by the first, unless rounding prevents this
 # Two solutions have diverged if their sums of `EnergeticImpacts` differ by more than this. A change of the
 # speed of one impact with |θ̇⁻| = pα by 1/16 % has this effect. The lower this threshold, the less likely
-# chaotic solutions agree by chance.
+# it is that chaotic solutions agree by chance.
 SUM_DIFFERENCE = 0.005
 # Rocking is chaotic if the peak rotations of both solutions differ by more than CHAOTIC_RTOLS times `rtol`
 # and by more than CHAOTIC_CHANGE, relative to the peak. Their difference is then random, and does not

@@ -1,10 +1,10 @@
 """The motion of floors (the deck, stories, and weighted sums of modes): accelerations and velocity jumps.
 
 At an impact the velocity of the deck (the beam) jumps. The accelerations do not contain these velocity jumps,
-which are given separately. The *bodies* are the modes of the superstructure and the beam. The
-*history* of a scene is the sequence of its accepted steps, whose ends are its *nodes*. A scene is divided
-into *pieces*, in which the accelerations of all bodies are smooth. The equations (L…) are in docs/floors.md
-and docs/equations.md.
+which are given separately. The *bodies* are the modes of the superstructure and the beam. The *history* of a
+scene is the sequence of its accepted steps; the ends of the steps are the *nodes*. A scene is divided into
+*pieces*, in which the accelerations of all bodies are smooth. The equations (L…) are in docs/floors.md and
+docs/equations.md.
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ MAX_HALVINGS = 12  # largest number of times that a piece is halved
 # A ground motion is divided into at least this many pieces, because a single step in full contact may cover
 # the whole motion.
 MOTION_PIECES = 64
-# Chebyshev points of a piece, at which polynomials are fitted, as fractions of the piece.
+# Chebyshev points of a piece, at which polynomials are fitted, as fractions z ∈ [0, 1] of the piece.
 POINTS = 0.5 - 0.5 * np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))
-TO_TERMS = np.linalg.inv(np.vander(POINTS, increasing=True)).T  # values at the points → coefficients c_k
+TO_TERMS = np.linalg.inv(np.vander(POINTS, increasing=True)).T  # values at the points → coefficients of z^k
 # Values at the points → coefficient of the last Chebyshev polynomial.
 TO_LAST = np.linalg.inv(np.polynomial.chebyshev.chebvander(2 * POINTS - 1, DEGREE))[-1]
 
@@ -345,7 +345,7 @@ class FloorMotion(Module):
 
     @property
     def scene(self) -> history.Solved:
-        """The solved scene, in the form that functions for histories take."""
+        """The solved scene as the tuple that functions of `history.py` take."""
         return self.podium, self.excitation, self.nodes, self._limit, self._method, self._rtol
 
     def acceleration(self, t: Float[ArrayLike, "*times"], left: bool = False) -> Float[Array, "*times"]:
@@ -393,7 +393,7 @@ class FloorMotion(Module):
     def last(self, end: float | None = None) -> float:
         """Return the time up to which the motion of the floor can be evaluated [s].
 
-        This is the end of the scene. For a rigid podium that rests for good, it is the later of the
+        The result is the end of the scene. For a rigid podium that rests for good, it is the later of the
         end of the scene and `end` [s], which is by default the end of the ground motion.
         """
         scene_end = float(self.end_time)

@@ -1,7 +1,7 @@
 """The motion of modes and beam (the bodies) in a scene, as the excitation of secondary systems on floors.
 
-The history of a scene is the sequence of its accepted steps, whose ends are its nodes. (L2) and (L3) are in
-docs/floors.md.
+The history of a scene is the sequence of its accepted steps; the ends of the steps are its nodes. (L2) and
+(L3) are in docs/floors.md.
 """
 
 from __future__ import annotations

@@ -197,7 +197,7 @@ class Kind(abc.ABC):
         return None
 
     def tested_scenes(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
-        """Return the scenes in which the assumptions are tested; None if there are none."""
+        """Return the scenes in which the assumptions are tested; None if they are not tested."""
         return scenes.peaks(entry.motions) if entry.motions else None
 
     @property

@@ -176,8 +176,8 @@ def _derived(evaluation: Evaluation) -> Equations:
         rows.append(
             Equation(Formula(f"restitution_{name}"), f"law {name}{note}", Quantity(factor, "number"), label)
         )
-    # The prestress of tendons raises the threshold and the dead load. The formulas do not contain it, so the
-    # numbers beside them do.
+    # The prestress of tendons raises the threshold and the dead load. The formulas do not contain it, but the
+    # numbers after them do.
     uplift = float(numbers["uplift_acceleration"])
     ratio = uplift / (g * np.tan(alpha))
     prestress = "" if np.isclose(ratio, 1, rtol=1e-9) else f" · {plain(ratio, 4)} (prestress of the tendons)"
