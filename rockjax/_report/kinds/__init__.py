@@ -52,7 +52,10 @@ _SHARE = {
 _FAILURE = {
     "motion": (models.GaussianKeys, "The random motion."),
     "cov": (Positive, "Coefficient of variation of the estimate at which sampling stops [–]."),
-    "rays": (Annotated[int, Field(ge=8)], "Number of rays, half-lines through failing samples." + _DESIGN_ONLY),
+    "rays": (
+        Annotated[int, Field(ge=8)],
+        "Number of rays, half-lines through failing samples." + _DESIGN_ONLY,
+    ),
     "seed": (models.Index, "Seed of the samples."),
 }
 _OTHERS = {"text": (str, "What is checked."), "reference": (str, "Where it is checked.")}
