@@ -31,7 +31,8 @@ class AbstractFloorTarget(AbstractTarget):
         options = options.replace(outputs=("margin",), throw=False)
         solve = lambda motion: rj.peak_response(podium, motion, options=options, on_floors=self.systems)
         peaks = self.suite.map_motions(solve)
-        values = jnp.concatenate([self.limited_value(answer) for answer in peaks.on_floors])
+        # The values of a motion are consecutive, as `limited_by_overturning` requires.
+        values = jnp.ravel(jnp.stack([self.limited_value(answer) for answer in peaks.on_floors], axis=-1))
         return limited_by_overturning((self.limit - values) / self.limit, peaks)
 
     def limited_value(self, answer: Any) -> Values:

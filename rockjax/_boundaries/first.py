@@ -196,7 +196,7 @@ def _update_confirm(state: _State, scales: Array, margin: Array, impacts: Array,
     return jax.tree.map(
         lambda confirmed, not_confirmed: jnp.where(is_found, confirmed, not_confirmed),
         narrower._replace(stage=ZOOM, rounds=0),
-        resumed._replace(stage=next_stage),
+        resumed._replace(stage=next_stage, rounds=0),
     )
 
 

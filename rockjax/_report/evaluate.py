@@ -176,14 +176,16 @@ def statistic_of(values: Values, statistic: str, is_minimum: bool) -> tuple[floa
     """Return the statistic of values [SI], its estimated error [SI], and the index of the governing value.
     The largest value governs, or the least for a minimum.
 
-    - `values`: values of a check; ±inf for scenes that overturn
+    - `values`: values of a check; ±inf for scenes that overturn, NaN for scenes without an answer. The
+      governing value is the largest or least of the others; the other statistics become NaN
     - `statistic`: "max" (the governing value), "mean", "median", or "p84": the 84 % quantile, or the 16 %
       quantile for a minimum
     - `is_minimum`: whether the value must be at least the limit
     """
     y, errors = values.values, np.where(np.isfinite(values.errors), values.errors, 0.0)
     errors = np.maximum(errors, ROUNDING * np.abs(np.where(np.isfinite(y), y, 0.0)))
-    governing = int(np.argmin(y) if is_minimum else np.argmax(y))
+    last = math.inf if is_minimum else -math.inf
+    governing = int((np.argmin if is_minimum else np.argmax)(np.where(np.isnan(y), last, y)))
     if statistic == "max":
         return float(y[governing]), float(errors[governing]), governing
     if statistic == "mean":
@@ -195,7 +197,9 @@ def statistic_of(values: Values, statistic: str, is_minimum: bool) -> tuple[floa
 
 def _quantile(y: np.ndarray, share: float) -> float:
     """Return a quantile by linear interpolation between the two nearest values. It is infinite if one of
-    these is infinite and has a nonzero weight."""
+    these is infinite and has a nonzero weight, and NaN if any value is."""
+    if np.isnan(y).any():
+        return math.nan
     ordered = np.sort(y)
     position = share * (len(ordered) - 1)
     low, high = math.floor(position), math.ceil(position)
@@ -215,11 +219,13 @@ def utilisations_of(
     - `is_minimum`: whether the value must be at least the limit
     - `error_factor`: the least and the largest utilisation are those of value ± `error_factor` · error
 
-    For a maximum, the utilisation is inf if the value is not finite. For a minimum, it is 0 for the value
-    inf; a value ≤ 0 gives 0 if it satisfies the limit, otherwise inf.
+    For a maximum, the utilisation is inf if the value is infinite. For a minimum, it is 0 for the value inf;
+    a value ≤ 0 gives 0 if it satisfies the limit, otherwise inf. For the value NaN, it is NaN.
     """
 
     def utilisation(y: float) -> float:
+        if math.isnan(y):
+            return math.nan
         if not is_minimum:
             return y / limit if math.isfinite(y) else math.inf
         if y == math.inf:

@@ -61,22 +61,24 @@ class Store:
             self._load(candidate)
 
     def _load(self, path: Path) -> None:
-        """Read the datasets of an earlier report from a file, if it exists. If it cannot be read, discard all
-        datasets, including those from another file."""
+        """Read the datasets of an earlier report from a file. A file that is missing, damaged or of another
+        kind is ignored."""
         if not path.exists():
             return
         import xarray
 
+        loaded = {}
         try:
             # The datasets have no times and no packed numbers, so xarray need not look for them.
             groups = xarray.open_groups(path, engine="netcdf4", decode_times=False, mask_and_scale=False)
             for name, data in groups.items():
                 if "fingerprint" in data.attrs:
-                    self.data[name.strip("/")] = data.load()
+                    loaded[name.strip("/")] = data.load()
             for data in groups.values():  # after the last is read, because all share the open file
                 data.close()
         except (OSError, ValueError, KeyError):
-            self.data = {}
+            return
+        self.data |= loaded
 
     def get(self, name: str, inputs_hash: str, compute: Callable[[], xarray.Dataset]) -> xarray.Dataset:
         """Return a dataset; compute it unless it is stored with the same fingerprint.

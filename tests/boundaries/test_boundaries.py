@@ -110,6 +110,23 @@ def test_no_window_wider_than_the_width_is_missed_in_a_program():
         assert int(found.impacts) == 3
 
 
+def test_a_program_ends_after_many_unconfirmed_windows():
+    """Only scenes of lower accuracy overturn in these windows."""
+    rows = []
+
+    def row(scales, sharp):
+        rows.append(sharp)
+        assert len(rows) < 200, "the search does not end"
+        motion = Motion(wrong=[(a, a + 3 * WIDTH) for a in np.linspace(0.2, 0.9, 9)])
+        margin = motion.margin(scales, sharp, jnp)
+        return margin, jnp.full(scales.shape, 3, jnp.int32)
+
+    with jax.disable_jit():
+        found = first_boundary(row, jnp.ones(()), jnp.asarray(0.95 * WIDTH))
+    assert not np.isfinite(found.scale)
+    assert float(found.dip) == pytest.approx(0.3, abs=1e-5)
+
+
 def test_places_are_as_close_as_the_width_and_no_closer(monkeypatch):
     """Without edge distances, the spacing equals the width."""
     monkeypatch.setattr(crossings, "DIP_DIVISIONS", 1)  # dips are not refined

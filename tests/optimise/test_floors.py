@@ -30,11 +30,7 @@ def test_margins_and_their_derivatives(target):
     found = np.asarray(margins(jnp.asarray(0.15)))
     peaks = [rj.peak_response(PODIUM, motion, options=options, on_floors=target.systems) for motion in SUITE]
     name = "peak_rotation" if isinstance(target, optimise.ContentsRotation) else "pseudo_acceleration"
-    sizes = [
-        float(getattr(each, name))
-        for peak in zip(*(p.on_floors for p in peaks), strict=True)
-        for each in peak
-    ]
+    sizes = [float(getattr(answer, name)) for peak in peaks for answer in peak.on_floors]
     stands = found > (target.limit - 1) / target.limit if name == "peak_rotation" else np.ones(4, bool)
     np.testing.assert_allclose(found[stands], (1 - np.array(sizes) / target.limit)[stands], rtol=1e-7)
     slope = np.asarray(jax.jacfwd(margins)(jnp.asarray(0.15)))
@@ -42,6 +38,15 @@ def test_margins_and_their_derivatives(target):
     difference = np.asarray(margins(jnp.asarray(0.15 + h)) - margins(jnp.asarray(0.15 - h))) / (2 * h)
     np.testing.assert_allclose(slope, difference, rtol=1e-5, atol=1e-5)
     assert np.all(slope != 0)
+
+
+def test_only_the_motion_that_overturns_the_columns_limits_margins():
+    """The margins of a motion are consecutive, one for each block."""
+    target = optimise.ContentsRotation(0.5, [rj.Ricker(8.0, 1.0), rj.Ricker(0.5, 1.0)], BLOCKS)
+    margins = np.asarray(target.margins(PODIUM, OPTIONS))
+    assert margins.shape == (4,)
+    assert np.all(margins[:2] < 0)
+    np.testing.assert_array_equal(margins[2:], 1.0)  # under the weak motion neither block rocks
 
 
 def test_bad_input_is_named():

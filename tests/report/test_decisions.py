@@ -81,6 +81,20 @@ def test_statistics(statistic, expected):
     assert overturned == (pytest.approx(2.5) if statistic == "median" else math.inf)
 
 
+def test_scenes_without_an_answer():
+    """A value of NaN is no failure; a failure in another scene is."""
+    blank = ("",) * 2
+    for minimum, limit, fails, passes in ((False, 0.5, 0.6, 0.4), (True, 0.5, 0.4, 0.6)):
+        for other, expected in ((math.nan, "UNDECIDED"), (passes, "UNDECIDED"), (fails, "FAIL")):
+            values = Values(np.array([math.nan, other]), np.zeros(2), blank, blank, ("weightless", ""), ())
+            value, error, governing = statistic_of(values, "max", minimum)
+            utilisations = utilisations_of(value, error, limit, minimum)
+            assert decide(utilisations, True, False) == expected
+            assert governing == (0 if math.isnan(other) else 1)
+    for statistic in ("mean", "median", "p84"):
+        assert math.isnan(statistic_of(values_of(0.3, math.nan), statistic, False)[0])
+
+
 def test_verdict():
     words = ["PASS"] * 2 + ["FAIL"] * 5 + ["NOT VALID"] * 5 + ["NOT MADE"] * 2
     assert verdict(words) == "Not verified: of 14 checks 2 pass, 5 fail, 5 are not valid, 2 were not made."

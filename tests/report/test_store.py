@@ -37,6 +37,14 @@ def test_a_started_dataset_of_other_inputs_is_not_used():
     assert float(store.get("a", "newer inputs", lambda: numbers(4.0))["y"]) == 3.0
 
 
+def test_a_damaged_partial_file_leaves_the_file(tmp_path):
+    store = Store(tmp_path / "page.nc")
+    store.get("a", "inputs", lambda: numbers(2.0))
+    store.save()
+    (tmp_path / "page.partial.nc").write_bytes(b"not a netCDF file")
+    assert list(Store(tmp_path / "page.nc").data) == ["a"]
+
+
 def test_an_error_in_another_thread_is_raised():
     def compute():
         raise ValueError("no such motion")
