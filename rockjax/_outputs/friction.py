@@ -56,10 +56,10 @@ def steepest(tangential: Course, axial: Course, span: Span, accumulator: Force) 
     - `accumulator`: steepest force so far
 
     Let (T_0, N_0) be the steepest of the `accumulator`, with |T| reduced by 1 %, and the forces at both ends.
-    If a force inside the step is steeper, T·N_0 − T_0·N is positive there. The function then returns the
-    force at the maximum of T·N_0 − T_0·N, and the next trial ends at this maximum unless it is close to an
-    end of the step. From trial to trial, the maximum converges quadratically to the steepest force
-    (Dinkelbach's method).
+    If a force inside the step is steeper, T·N_0 − T_0·N is positive there, and its maximum is searched for. A
+    second search takes the force at this maximum as (T_0, N_0), because such searches converge quadratically
+    to the steepest force (Dinkelbach's method). The function returns the force at the second maximum. The
+    next trial ends there, unless this maximum is close to an end of the step.
     """
     constant, h = jax.lax.stop_gradient, span.h
 
@@ -101,6 +101,9 @@ def steepest(tangential: Course, axial: Course, span: Span, accumulator: Force) 
         return Force(*[path.value(z) for path in paths])
 
     z, exists = barrier(_interior_maximum(*fixed, reference))
+    found = force_at(z, fixed)
+    refined, is_refined = _interior_maximum(*fixed, found)
+    z = barrier(jnp.where(exists & is_refined & found.is_steeper(reference), refined, z))
     # If T changes its sign in the step, T at z may have the sign opposite to `side`. The angle from the
     # vertical is then smaller than expected, so it is compared once more.
     found = force_at(z, paths)
