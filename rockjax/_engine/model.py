@@ -176,7 +176,7 @@ def beam_motion(
     - `sigma`: contact mode σ ∈ {−1, 0, 1}
     - `theta`, `theta_dot`, `theta_ddot`: θ [rad], θ̇ [rad/s] and θ̈ [rad/s²]
     """
-    s, cos = sincos(sigma * c.alpha - theta)
+    s, cos = barrier(sincos(sigma * c.alpha - theta))
     return BeamMotion(
         c.two_R * (sigma * c.sin_alpha - s),
         c.two_R * theta_dot * cos,
