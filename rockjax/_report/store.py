@@ -121,7 +121,11 @@ class Store:
 
     def text(self, name: str, inputs_hash: str, compute: Callable[[], str]) -> str:
         """Return a text from the store, or compute and store it. The arguments are those of `get`."""
-        return str(self.get(name, inputs_hash, lambda: dataset_of_text(compute()))["text"].values)
+        return str(self.get(name, inputs_hash, lambda: _dataset_of_text(compute()))["text"].values)
+
+    def start_text(self, name: str, inputs_hash: str, compute: Callable[[], str]) -> bool:
+        """Do the same as `start` for a text, which `text` returns."""
+        return self.start(name, inputs_hash, lambda: _dataset_of_text(compute()))
 
     @contextlib.contextmanager
     def saved_on_interruption(self) -> Iterator[None]:
@@ -162,7 +166,7 @@ class Store:
         write_atomically(path, lambda name: tree.to_netcdf(name, engine="netcdf4"))
 
 
-def dataset_of_text(text: str) -> xarray.Dataset:
+def _dataset_of_text(text: str) -> xarray.Dataset:
     """Return a dataset with a text."""
     import xarray
 

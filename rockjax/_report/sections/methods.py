@@ -15,15 +15,13 @@ from rockjax._practice.methods import simplified_methods
 from rockjax._practice.registry import METHODS
 from rockjax._report.blocks import Paragraph, Section
 from rockjax._report.cells import number_cell, peak_cell, slug
-from rockjax._report.store import Store, dataset_of_text, fingerprint
+from rockjax._report.store import Store, fingerprint
 from rockjax._report.tables import Column, Quantity, Table, TextCell
 from rockjax._report.units import Units, kind_of_unit
 
 from .common import sets_with_scenes
 
 if TYPE_CHECKING:
-    import xarray
-
     from rockjax._report.evaluation import Evaluation
     from rockjax._report.problem import Problem
 
@@ -52,7 +50,7 @@ def start(problem: Problem, store: Store, names: Iterable[str]) -> None:
     """Start to compute the results of the methods for the sets `names`, in other threads."""
     for name in names:
         if _has_records(problem, name):
-            store.start(*_stored_results(problem, store, name))
+            store.start_text(*_stored_results(problem, store, name))
 
 
 def _has_records(problem: Problem, name: str) -> bool:
@@ -60,11 +58,11 @@ def _has_records(problem: Problem, name: str) -> bool:
     return all(isinstance(member, Motion) for member in problem.motions[name].members)
 
 
-def _stored_results(problem: Problem, store: Store, name: str) -> tuple[str, str, Callable]:
-    """Return the arguments of `Store.get` for the results of the methods for a set of motions."""
+def _stored_results(problem: Problem, store: Store, name: str) -> tuple[str, str, Callable[[], str]]:
+    """Return the arguments of `Store.text` for the results of the methods for a set of motions."""
     motions, friction = problem.motions[name], problem.joints.friction
 
-    def compute() -> xarray.Dataset:
+    def compute() -> str:
         entries = []
         for method in METHODS:
             store.raise_if_stopped()
@@ -72,7 +70,7 @@ def _stored_results(problem: Problem, store: Store, name: str) -> tuple[str, str
                 problem.podium, list(motions.members), friction=friction, methods=(method,)
             )
             entries.append(dataclasses.asdict(result) | {"values": {}})
-        return dataset_of_text(json.dumps(entries, default=np.ndarray.tolist))
+        return json.dumps(entries, default=np.ndarray.tolist)
 
     inputs_hash = fingerprint(problem.podium, motions.identities, motions.names, friction)
     return f"methods.{name}", inputs_hash, compute
@@ -80,7 +78,7 @@ def _stored_results(problem: Problem, store: Store, name: str) -> tuple[str, str
 
 def _results(problem: Problem, store: Store, name: str) -> list[MethodResult]:
     """Return the results of the methods for a set of motions."""
-    entries = json.loads(str(store.get(*_stored_results(problem, store, name))["text"].values))
+    entries = json.loads(store.text(*_stored_results(problem, store, name)))
     for entry in entries:
         for key in ("demand", "rotation_ratio"):
             entry[key] = None if entry[key] is None else np.array(entry[key])
