@@ -83,12 +83,28 @@ def solve_with_slopes(
     Returns the floats; their derivatives, with the scalar leaves along the first axis; and the indices of
     these leaves.
     """
+    arguments, indices = _slopes_arguments(podium, excitation, initial, t_end, options)
+    ((floats, _), _), (slopes, _) = SLOPES(*arguments, leaf_indices=indices, capacity=None)
+    return floats, slopes, indices
+
+
+def prepare_slopes(
+    podium: Podium, excitation: AbstractExcitation, initial: State, t_end: Array | None, options: Options
+) -> None:
+    """Start to load or compile the program of `solve_with_slopes` for these arguments in another thread."""
+    arguments, indices = _slopes_arguments(podium, excitation, initial, t_end, options)
+    SLOPES.prepare(*arguments, leaf_indices=indices, capacity=None)
+
+
+def _slopes_arguments(
+    podium: Podium, excitation: AbstractExcitation, initial: State, t_end: Array | None, options: Options
+) -> tuple[tuple, tuple[int, ...]]:
+    """Return the arguments of `SLOPES` for the arguments of `solve_with_slopes`, and the indices of the
+    scalar leaves."""
     podium = podium.split_rows()
     podium = podium if options.of_joints else podium.without_elevation()
     arguments = podium, excitation.common_form(), initial, t_end, canonical_options(podium, options)
-    indices = scalar_positions(jax.tree.leaves(arguments[:2]))
-    ((floats, _), _), (slopes, _) = SLOPES(*arguments, leaf_indices=indices, capacity=None)
-    return floats, slopes, indices
+    return arguments, scalar_positions(jax.tree.leaves(arguments[:2]))
 
 
 def _answers(

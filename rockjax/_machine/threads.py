@@ -12,8 +12,9 @@ from typing import Any
 
 import jax
 
-# Modules for tables. xarray imports dask.array, if installed, when the first Dataset is made.
-TABLE_MODULES = "xarray", "dask.array"
+# Modules for tables. xarray imports dask.array, if installed, when the first Dataset is made, and distributed
+# when the first file is written.
+TABLE_MODULES = "xarray", "dask.array", "distributed"
 
 # The thread pool, once it exists. It starts another thread if none is idle, up to 1024, so waiting threads do
 # not block others. All threads finish their work before the process ends.

@@ -13,8 +13,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from rockjax._engine.solve import solve_with_slopes
+from rockjax._engine.solve import prepare_slopes, solve_with_slopes
 from rockjax._excitations.base import AbstractExcitation
+from rockjax._options import Options
 from rockjax._outputs.registry import variables_of
 from rockjax._responses.arguments import as_start
 from rockjax._results import REST
@@ -99,28 +100,48 @@ def scene_answers(scenes: Scenes, name: str, motion: int) -> dict[str, tuple[np.
     - `scenes`: the scenes of the problem
     - `name`: name of the set of motions; `motion`: index of the motion in the set
     """
-    problem, motions = scenes.problem, scenes.motion_set(name)
+    problem, motions, options = scenes.problem, scenes.motion_set(name), _options(scenes, name)
     excitation = motions.excitations[motion]
-    options = problem.options.replace(outputs=tuple(scenes.needed[name].outputs), throw=False)
     inputs_hash = fingerprint(problem.podium, motions.identities[motion], options, problem.variables)
 
     def solve() -> xarray.Dataset:
         scenes.describe(f"derivatives of {motions.names[motion]}")
-        initial = as_start("report", REST, problem.podium)
-        answers, slopes, indices = solve_with_slopes(problem.podium, excitation, initial, None, options)
-        directions = leaf_directions(problem, excitation, options.of_joints)
-        directions = np.array([directions[i] for i in indices])
-        arrays = {}
-        for key in variables_of(options.outputs):
-            if key in slopes:
-                arrays[key] = answers[key]
-                arrays[f"{key}_slope"] = np.tensordot(np.asarray(slopes[key]), directions, axes=(0, 0))
-        return dataset_of(arrays)
+        answers = solved_answers(problem, excitation, options)
+        slopes = {f"{key}_slope": slope for key, (_, slope) in answers.items()}
+        return dataset_of({key: value for key, (value, _) in answers.items()} | slopes)
 
     data = scenes.store.get(f"derivatives.{name}.{motion}", inputs_hash, solve)
 
     names = [str(key) for key in data if not str(key).endswith("_slope")]
     return {key: (data[key].values, data[f"{key}_slope"].values) for key in names}
+
+
+def prepare_answers(scenes: Scenes, name: str) -> None:
+    """Start to load or compile the program of `scene_answers` for a set in another thread, unless derivatives
+    of the set are stored."""
+    if not any(key.startswith(f"derivatives.{name}.") for key in scenes.store.data):
+        podium, excitation = scenes.problem.podium, scenes.motion_set(name).excitations[0]
+        prepare_slopes(podium, excitation, as_start("report", REST, podium), None, _options(scenes, name))
+
+
+def _options(scenes: Scenes, name: str) -> Options:
+    """Return the options of scenes with derivatives."""
+    return scenes.problem.options.replace(outputs=tuple(scenes.needed[name].outputs), throw=False)
+
+
+def solved_answers(
+    problem: Problem, excitation: AbstractExcitation, options: Options
+) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Solve one scene, and return its answers in the form of `scene_answers`."""
+    initial = as_start("report", REST, problem.podium)
+    answers, slopes, indices = solve_with_slopes(problem.podium, excitation, initial, None, options)
+    directions = leaf_directions(problem, excitation, options.of_joints)
+    directions = np.array([directions[i] for i in indices])
+    return {
+        key: (np.asarray(answers[key]), np.tensordot(np.asarray(slopes[key]), directions, axes=(0, 0)))
+        for key in variables_of(options.outputs)
+        if key in slopes
+    }
 
 
 def leaf_directions(
@@ -140,5 +161,7 @@ def leaf_directions(
     # 1 to factor 2 is therefore its derivative. The mean turns a leaf with several values, which is not used,
     # into one number.
     original, doubled = (jax.tree.leaves(excitation.scaled(factor).common_form()) for factor in (1.0, 2.0))
-    of_motion = [np.mean(z) - np.mean(y) for y, z in zip(original, doubled, strict=True)]
-    return [np.append(y, 0.0) for y in of_podium] + [np.append(np.zeros(count), y) for y in of_motion]
+    of_motion = [np.mean(np.asarray(z) - np.asarray(y)) for y, z in zip(original, doubled, strict=True)]
+    return [np.append(np.asarray(y), 0.0) for y in of_podium] + [
+        np.append(np.zeros(count), y) for y in of_motion
+    ]

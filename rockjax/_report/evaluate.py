@@ -13,7 +13,7 @@ from rockjax._responses.estimate import SAFETY
 
 from .assemble import tables_of
 from .assumptions import ASSUMPTIONS, INVALIDATING, Outcome
-from .derivatives import log_slopes
+from .derivatives import log_slopes, prepare_answers
 from .entry import Entry
 from .evaluation import Check, Evaluation
 from .kinds import KINDS
@@ -70,10 +70,13 @@ def evaluate_with_store(
     with_spread = "spread" not in skip
     scenes = Scenes(problem, store, needs_of_sets(problem), progress or NoProgress(), with_spread)
     with store.saved_on_interruption():
+        made = [entry for entry in problem.checks if not _reason_not_made(entry, problem, skip)]
         is_started = {
-            entry.id: not _reason_not_made(entry, problem, skip) and KINDS[entry.kind].start(entry, scenes)
-            for entry in problem.checks
+            entry.id: entry in made and KINDS[entry.kind].start(entry, scenes) for entry in problem.checks
         }
+        for name in dict.fromkeys(entry.motions for entry in made if KINDS[entry.kind].has_variants):
+            scenes.start_variants(str(name))
+            prepare_answers(scenes, str(name))
         # Checks that wait for another thread are evaluated last.
         last = sorted(problem.checks, key=lambda entry: is_started[entry.id])
         by_id = {entry.id: _evaluate(entry, scenes, skip) for entry in last}

@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rockjax._files import write_atomically
+from rockjax._machine.threads import TABLE_MODULES, import_in_background
 
 from .assemble import page_of, units_of
 from .evaluate import check_skip, evaluate_with_store, sets_of_checks
 from .evaluation import Evaluation
 from .problem import Problem
-from .sections import methods
+from .sections import methods, rocking
 from .store import Store
 
 if TYPE_CHECKING:
@@ -136,12 +137,14 @@ def report(
 
             Units.parse(units or problem.report.units or ())  # raises before anything is solved
         check_skip(skip)
+        import_in_background(*TABLE_MODULES, "matplotlib.pyplot")
         store = Store(None if path is None else path.with_suffix(".nc"))
         if "methods" not in skip:
             methods.start(problem, store, sets_of_checks(problem, skip))
         evaluation = evaluate_with_store(problem, skip, store, progress)
     chosen = units_of(evaluation, units)
     with evaluation.scenes.store.saved_on_interruption():
+        rocking.start(evaluation)
         result = Report(evaluation, page_of(evaluation, chosen, command), chosen)
     if path is None:
         return result

@@ -6,7 +6,6 @@ of factors between two boundaries.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import jax
@@ -20,16 +19,14 @@ from rockjax._boundaries.first import BRACKET_TOLERANCE, ROW_SIZE
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._motions.convert import as_batch
 from rockjax._options import Options
-from rockjax._responses.simulate import peak_response
 from rockjax._responses.variants import pick_motions
 from rockjax._roots import Brackets, narrow_brackets
 from rockjax._structures import Podium
-from rockjax._types import Value
 
-from .derivatives import SlopesFunction, leaf_directions, slopes_of
+from .derivatives import SlopesFunction, leaf_directions, solved_answers
 from .problem import MotionSet, Problem
 from .scenes import Scenes
-from .store import fingerprint
+from .store import Stored, fingerprint
 from .uplift import UpliftRatio
 
 if TYPE_CHECKING:
@@ -68,7 +65,7 @@ def start_search(scenes: Scenes, name: str, event: str) -> bool:
     return scenes.store.start(*_stored_search(scenes, name, event))
 
 
-def _stored_search(scenes: Scenes, name: str, event: str) -> tuple[str, str, Callable[[], xarray.Dataset]]:
+def _stored_search(scenes: Scenes, name: str, event: str) -> Stored:
     """Return the arguments of `Store.get` for the search of `least_factors`."""
     motions, podium, options = scenes.motion_set(name), scenes.problem.podium, scenes.problem.options
     inputs_hash = fingerprint(podium, motions.identities, options, event, MAX_SCALE, WINDOW_FACTORS)
@@ -209,11 +206,11 @@ def least_factor_slopes(scenes: Scenes, event: str, name: str, motion: int) -> S
     scale = 0.9 * factor
     options = _uplift_options(problem).replace(outputs=(UpliftRatio(),))
 
-    def least_factor(podium: Podium, logs: Any) -> Value:
-        peak = peak_response(podium, excitation.scaled(scale * jnp.exp(logs[-1])), options=options)
-        return scale / peak.uplift_ratio
+    def least_factor() -> tuple[np.ndarray, np.ndarray]:
+        ratio, slopes = solved_answers(problem, excitation.scaled(scale), options)["uplift_ratio"]
+        return scale / ratio, -scale / ratio**2 * slopes
 
-    return slopes_of(problem, least_factor)
+    return least_factor
 
 
 def _overturning_slopes(problem: Problem, excitation: AbstractExcitation, factor: float) -> np.ndarray:

@@ -22,7 +22,7 @@ from rockjax._structures import Podium, ShearBuilding
 from rockjax._structures.modes import with_fields
 
 from .problem import MotionSet, Problem
-from .store import Store, fingerprint
+from .store import Store, Stored, fingerprint
 
 if TYPE_CHECKING:
     import xarray
@@ -57,8 +57,7 @@ class Scenes:
         self.with_spread = with_spread
         # Cached, because checks and sections ask for the same structures and scenes many times.
         self.podium, self.peaks = functools.cache(self._podium), functools.cache(self._peaks)
-        self._other_laws = functools.cache(self._solve_other_laws)
-        self._variations = functools.cache(self._solve_variations)
+        self._variations = functools.cache(lambda *of: store.get(*self._stored_variations(*of)))
 
     def describe(self, text: str) -> None:
         """Show a text about the current computation."""
@@ -126,68 +125,54 @@ class Scenes:
         """
         if variation:
             return self._variations(name, factor).sel(variant=variation)
-        if law in self.laws:
-            return self._other_laws(name, factor).sel(variant=law)
-        motions, options, podium = self.motion_set(name), self.options(name), self.problem.podium
-        on_floors = self.on_floors(name)
+        return self.store.get(*self._stored_peaks(name, law if law in self.laws else None, factor))
+
+    def _stored_peaks(self, name: str, law: str | None = None, factor: float = 1.0) -> Stored:
+        """Return the arguments of `Store.get` for peaks without variation."""
+        motions, options, on_floors = self.motion_set(name), self.options(name), self.on_floors(name)
+        podium = _with_given_restitution(self.podium(law))
         inputs_hash = fingerprint(podium, motions.identities, options, on_floors, factor)
 
         def solve() -> xarray.Dataset:
-            self.describe(f"scenes of {name}")
+            self.describe(f"scenes of {name}" + (f" with the law {law}" if law else ""))
             data = self.solve(podium, motions.scaled(factor), options, ("motion",), on_floors)
-            return self._with_floor_errors(data, motions.scaled(factor), options, on_floors)
+            return self._with_floor_errors(data, podium, motions.scaled(factor), options, on_floors)
 
-        return self.store.get(f"peaks.{name}{_suffix(factor)}", inputs_hash, solve)
+        return f"peaks.{name}{f'.{law}' if law else ''}{_suffix(factor)}", inputs_hash, solve
 
-    def _solve_other_laws(self, name: str, factor: float = 1.0) -> xarray.Dataset:
-        """Return the peaks of a set under other laws of impact, along `variant` and `motion`."""
-        podiums = {law: self.podium(law) for law in self.laws}
-        outputs = (*self._needed_outputs(name), "errors")
-        factors = [factor] * len(podiums)
-        return self._solve_variants(f"laws.{name}{_suffix(factor)}", name, podiums, factors, outputs)
+    def start_variants(self, name: str) -> None:
+        """Start to solve a set under other laws of impact and with changed inputs, in other threads."""
+        for law in self.laws:
+            self.store.start(*self._stored_peaks(name, law))
+        if self.variations:
+            self.store.start(*self._stored_variations(name))
 
-    def _solve_variations(self, name: str, factor: float = 1.0) -> xarray.Dataset:
-        """Return the peaks of a set with changed inputs, along `variant` and `motion`. They have no estimated
-        errors."""
-        podiums = {variation: self.podium(None, variation) for variation in self.variations}
-        factors = [factor * self.factors(variation).get("motion", 1.0) for variation in podiums]
-        label, outputs = f"variations.{name}{_suffix(factor)}", self._needed_outputs(name)
-        return self._solve_variants(label, name, podiums, factors, outputs)
-
-    def _needed_outputs(self, name: str) -> tuple[str, ...]:
-        """Return the rotation and the outputs that the checks of a set need."""
-        return tuple(dict.fromkeys(("peak_rotation", *self.needed.get(name, Needs()).outputs)))
-
-    def _solve_variants(
-        self,
-        label: str,
-        name: str,
-        podiums: dict[str, Podium],
-        factors: list[float],
-        outputs: tuple[str, ...],
-    ) -> xarray.Dataset:
-        """Return the peaks of variants of the structure under a set of motions, along `variant` and `motion`.
-
-        - `label`: name in the store; `name`: the set
-        - `podiums`: name of the variant → structure; `factors`: factor on the motions for each variant
-        - `outputs`: outputs of the scenes
-        """
+    def _stored_variations(self, name: str, factor: float = 1.0) -> Stored:
+        """Return the arguments of `Store.get` for the peaks of a set with changed inputs, along `variant` and
+        `motion`. They have no estimated errors."""
+        podiums = [_with_given_restitution(self.podium(None, variation)) for variation in self.variations]
+        factors = [factor * self.factors(variation).get("motion", 1.0) for variation in self.variations]
+        needed = self.needed.get(name, Needs()).outputs
+        outputs = tuple(dict.fromkeys(("peak_rotation", *needed)))
         motions, on_floors = self.motion_set(name), self.on_floors(name)
         options = self.problem.options.replace(outputs=outputs, throw=False)
-        # Laws become factors of restitution, because podiums with different laws cannot form one batch.
-        rows = [y.replace(restitution=float(y.restitution_factor)) for y in podiums.values()]
-        inputs_hash = fingerprint(rows, factors, motions.identities, options, on_floors)
+        inputs_hash = fingerprint(podiums, factors, motions.identities, options, on_floors)
 
         def solve() -> xarray.Dataset:
             self.describe(f"scenes of {name} for {len(podiums)} variants of the structure")
             excitations = as_batch("report", motions.excitations).scaled(np.array(factors)[:, None])
-            data = self.solve(_stacked(rows), excitations, options, ("variant", "motion"), on_floors)
-            return data.assign_coords(variant=list(podiums))
+            data = self.solve(_stacked(podiums), excitations, options, ("variant", "motion"), on_floors)
+            return data.assign_coords(variant=list(self.variations))
 
-        return self.store.get(label, inputs_hash, solve)
+        return f"variations.{name}{_suffix(factor)}", inputs_hash, solve
 
     def _with_floor_errors(
-        self, data: xarray.Dataset, excitations: Any, options: Options, on_floors: dict[str, Any]
+        self,
+        data: xarray.Dataset,
+        podium: Podium,
+        excitations: Any,
+        options: Options,
+        on_floors: dict[str, Any],
     ) -> xarray.Dataset:
         """Add the estimated errors of blocks and oscillators on floors to peaks, and return the peaks.
 
@@ -195,12 +180,13 @@ class Scenes:
         two solutions.
 
         - `data`: dataset of the peaks, along `motion`
-        - `excitations`, `options`, `on_floors`: motions, options, and objects on floors of the scenes
+        - `podium`, `excitations`, `options`, `on_floors`: structure, motions, options, and objects on floors
+          of the scenes
         """
         if not on_floors:
             return data
         finer = second_options(options).replace(outputs=("peak_rotation",))
-        other = self.solve(self.problem.podium, excitations, finer, ("motion",), on_floors)
+        other = self.solve(podium, excitations, finer, ("motion",), on_floors)
         for name in ("contents_peak_rotation", "oscillator_pseudo_acceleration"):
             if name in data:
                 error = np.abs(data[name].values - other[name].values)
@@ -253,7 +239,7 @@ class Scenes:
 
         - `label`: name in the store; `options`: options of the scenes
         """
-        podium = self.problem.podium
+        podium = _with_given_restitution(self.problem.podium)
         inputs_hash = fingerprint(podium, excitations, options)
 
         def solve() -> xarray.Dataset:
@@ -269,6 +255,14 @@ class Scenes:
 
         - `name`: the set; `motion`: index of the motion in the set
         """
+        return self.store.get(*self._stored_history(name, motion))
+
+    def start_history(self, name: str, motion: int) -> None:
+        """Start to compute a `history` in another thread."""
+        self.store.start(*self._stored_history(name, motion))
+
+    def _stored_history(self, name: str, motion: int) -> Stored:
+        """Return the arguments of `Store.get` for a history."""
         from rockjax._responses.response import with_joints
         from rockjax._responses.simulate import simulate
 
@@ -282,7 +276,7 @@ class Scenes:
             data = response.dataset()
             return data if podium.elevation is None else with_joints(data, response)
 
-        return self.store.get(f"history.{name}.{motion}", inputs_hash, solve)
+        return f"history.{name}.{motion}", inputs_hash, solve
 
 
 def _suffix(factor: float) -> str:
@@ -290,6 +284,12 @@ def _suffix(factor: float) -> str:
     1."""
     # The factor is written without a dot, because dots separate the parts of a name (see `Store.get`).
     return "" if factor == 1 else f".times {factor!r}".replace(".", " ")
+
+
+def _with_given_restitution(podium: Podium) -> Podium:
+    """Return a podium with its factor of restitution in place of the law of impact. Podiums with different
+    laws then share a compiled program, and can form a batch."""
+    return podium.replace(restitution=max(float(podium.restitution_factor), 0.0))
 
 
 def _stacked(podiums: list[Podium]) -> Podium:

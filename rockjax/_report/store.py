@@ -39,6 +39,8 @@ def fingerprint(*values: Any) -> str:
     return hashlib.sha256("\n".join(entries).encode()).hexdigest()
 
 
+# Arguments of `Store.get`: name, fingerprint, and function that computes the dataset.
+Stored = tuple[str, str, Callable[[], "xarray.Dataset"]]
 MIN_WRITE_INTERVAL = 30.0  # least time between two writes of an unfinished store [s]
 
 

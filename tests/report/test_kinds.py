@@ -105,6 +105,23 @@ def test_a_design_reads_the_keys_of_checks(tmp_path):
             optimise.load(tmp_path / "problem.toml")
 
 
+def test_columns_so_stocky_that_no_factor_of_restitution_is_positive(tmp_path):
+    """Rocking ends at the first impact. Checks under other laws and with changed inputs are made, and the
+    laws of impact agree."""
+    structure = FILE.index("[structure]"), FILE.index("[motions")
+    ratios = "[structure]\ntan_alpha = 1.2\nR = 2.0\ngamma = 5.0\n"
+    file = FILE.replace(FILE[slice(*structure)], ratios).replace("laws = []", 'laws = ["compatible"]')
+    check = '[[checks]]\nkind = "peak-rotation"\nlimit = 0.5\n'
+    problem = read(tmp_path, check, file.replace("[2.5, 3.5]", "[12.0, 14.0]"))
+    assert problem.podium.restitution_factor < 0
+    (found,) = evaluate(problem, skip=("methods",)).checks
+    assert found.result == "PASS"
+    assert found.value > 0
+    assert found.laws["compatible"][0] == found.utilisation
+    low, high = found.spread["motion"]
+    assert low < found.utilisation < high
+
+
 def test_share_of_motions_that_overturn(tmp_path):
     """One of two motions overturns; the count agrees with that of the design target."""
     problem = read(tmp_path, SHARE)

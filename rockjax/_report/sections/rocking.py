@@ -41,6 +41,13 @@ def section(evaluation: Evaluation, units: Units) -> Section:
     return Section(4, "Rotation, uplift, overturning", (*blocks, *details(evaluation, 4)))
 
 
+def start(evaluation: Evaluation) -> None:
+    """Start to compute the history of the governing scene in another thread."""
+    scene = governing_scene(evaluation)
+    if scene is not None:
+        evaluation.scenes.start_history(*scene)
+
+
 def _table(evaluation: Evaluation, name: str) -> Table:
     """Return the table of the uplift, the peak rotation and the impacts under each motion of a set. If the
     file asks for the overturning factors of the set, the table has them too."""
