@@ -67,10 +67,9 @@ def evaluate_with_store(
     - `problem`, `skip`, `progress`: as for `evaluate`
     - `store`: stores the scenes
     """
-    with_spread = "spread" not in skip
+    made, with_spread = made_entries(problem, skip), "spread" not in skip
     scenes = Scenes(problem, store, needs_of_sets(problem), progress or NoProgress(), with_spread)
     with store.saved_on_interruption():
-        made = [entry for entry in problem.checks if not _reason_not_made(entry, problem, skip)]
         is_started = {
             entry.id: entry in made and KINDS[entry.kind].start(entry, scenes) for entry in problem.checks
         }
@@ -83,24 +82,24 @@ def evaluate_with_store(
         checks = tuple(by_id[entry.id] for entry in problem.checks)
         outcomes = {
             name: {assumption.id: assumption.test(problem, scenes.peaks(name)) for assumption in ASSUMPTIONS}
-            for name in scenes.used_sets
+            for name in problem.motions
             if any(check.motions == name and check.values is not None for check in checks)
         }
     return Evaluation(problem, scenes, checks, outcomes, tuple(skip), tables_of)
 
 
-def sets_of_checks(problem: Problem, skip: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the names of the sets of motions of all checks, except checks that are not made."""
-    made = [entry for entry in problem.checks if not _reason_not_made(entry, problem, skip)]
-    return tuple(dict.fromkeys(str(entry.motions) for entry in made if entry.motions))
+def made_entries(problem: Problem, skip: tuple[str, ...]) -> list[Entry]:
+    """Return the entries whose checks are made."""
+    return [entry for entry in problem.checks if not _reason_not_made(entry, problem, skip)]
 
 
 def needs_of_sets(problem: Problem) -> dict[str, Needs]:
-    """Return for each set of motions the outputs, blocks and oscillators that its checks need."""
+    """Return for each set of motions the outputs, blocks and oscillators that its checks need. They do not
+    depend on `skip`, so that scenes stored by a run with another `skip` are used again."""
     needed = {name: Needs({}, {}) for name in problem.motions}
-    for entry in problem.checks:
-        kind = KINDS[entry.kind]
-        if entry.motions and not kind.missing(entry, problem):
+    for entry in made_entries(problem, ()):
+        if entry.motions:
+            kind = KINDS[entry.kind]
             needed[entry.motions].outputs.update(dict.fromkeys(kind.outputs(entry)))
             needed[entry.motions].on_floors.update(kind.on_floors(entry))
     return needed

@@ -11,7 +11,7 @@ from rockjax._files import write_atomically
 from rockjax._machine.threads import TABLE_MODULES, import_in_background
 
 from .assemble import page_of, units_of
-from .evaluate import check_skip, evaluate_with_store, sets_of_checks
+from .evaluate import check_skip, evaluate_with_store, made_entries
 from .evaluation import Evaluation
 from .problem import Problem
 from .sections import methods, rocking
@@ -140,7 +140,7 @@ def report(
         import_in_background(*TABLE_MODULES, "matplotlib.pyplot")
         store = Store(None if path is None else path.with_suffix(".nc"))
         if "methods" not in skip:
-            methods.start(problem, store, sets_of_checks(problem, skip))
+            methods.start(problem, store, made_entries(problem, skip))
         evaluation = evaluate_with_store(problem, skip, store, progress)
     chosen = units_of(evaluation, units)
     with evaluation.scenes.store.saved_on_interruption():

@@ -94,12 +94,6 @@ class Scenes:
         """Return a set of motions."""
         return self.problem.motions[name]
 
-    @functools.cached_property
-    def used_sets(self) -> tuple[str, ...]:
-        """Names of the sets that a check uses, in the order of the file."""
-        used = {entry.motions for entry in self.problem.checks}
-        return tuple(name for name in self.problem.motions if name in used)
-
     def outputs(self, name: str) -> tuple[str, ...]:
         """Return the outputs of the scenes of a set: those that the page shows and those that the checks
         need."""

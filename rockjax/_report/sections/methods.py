@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from rockjax._report.units import Units, kind_of_unit
 from .common import sets_with_scenes
 
 if TYPE_CHECKING:
+    from rockjax._report.entry import Entry
     from rockjax._report.evaluation import Evaluation
     from rockjax._report.problem import Problem
 
@@ -46,10 +47,10 @@ def section(evaluation: Evaluation, units: Units) -> Section:
     return Section(9, TITLE, tuple(blocks))
 
 
-def start(problem: Problem, store: Store, names: Iterable[str]) -> None:
-    """Start to compute the results of the methods for the sets `names`, in other threads."""
-    for name in names:
-        if _has_records(problem, name):
+def start(problem: Problem, store: Store, made: list[Entry]) -> None:
+    """Start to compute the results of the methods for the sets of the entries `made`, in other threads."""
+    for name in dict.fromkeys(entry.motions for entry in made):
+        if name and _has_records(problem, name):
             store.start_text(*_stored_results(problem, store, name))
 
 
