@@ -1,4 +1,8 @@
-"""Gradient-based design of rocking podiums: size them so that targets hold and an objective is minimal."""
+"""Gradient-based design of rocking podiums: size them so that targets hold and an objective is minimal.
+
+A scene is one structure under one ground motion. Its overturning margin M, defined in docs/overturning.md, is
+positive if the columns survive and negative if they overturn; it is lower the faster they overturn.
+"""
 
 import lazy_loader as _lazy_loader
 

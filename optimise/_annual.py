@@ -35,10 +35,11 @@ class AnnualFrequency(AbstractScaleTarget):
     - `suite`: two or more records or other motions, or `optimise.FreshSamples` of records; intensities are
       measured on the horizontal component
     - `max_intensity`: highest intensity searched [unit of `hazard`]; None for the last point of the hazard.
-      For a motion that does not overturn the columns up to this intensity, the fit uses only that its
-      overturning intensity is higher
-    - `width`: in (0, 0.1); the verification of a design can miss an interval of overturning intensities below
-      the computed least one only if the interval is narrower than `width` times `max_intensity` [–]
+      If a motion does not overturn the columns up to this intensity, its overturning intensity is only
+      known to be higher (censored)
+    - `width`: in (0, 0.1) [–]; resolution of the search for the least overturning intensity in the
+      verification: only an interval of overturning intensities narrower than `width` times `max_intensity`
+      can be missed
     - `name`: name in reports; None for a description
 
     λ_f comes from [`rockjax.annual_frequency`][] for the lognormal distribution fitted to the least
@@ -48,8 +49,8 @@ class AnnualFrequency(AbstractScaleTarget):
 
     Raises `ValueError` for arguments out of range, for a hazard that is not in SI units or has an intensity
     measure other than these, and for a suite of one motion or with a motion of intensity 0. Raises
-    `ValueError` also for a `max_intensity` that is exceeded `at_most` times a year or more often, because λ_f
-    would then be at least `at_most` even if no motion overturned the columns.
+    `ValueError` also if `max_intensity` is exceeded with an annual frequency of `at_most` or more, because
+    λ_f would then be at least `at_most` even if no motion overturned the columns.
     """
 
     at_most: Any

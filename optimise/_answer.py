@@ -57,8 +57,8 @@ class Effort(NamedTuple):
 class Design(Module):
     """The best design of a search, and a record of the search.
 
-    - `podium`: the designed podium; `structure`: the same as a `Podium` or as `Dimensions`, whichever was
-      passed to `optimise.design`
+    - `podium`: the designed podium; `structure`: the design in the type that was passed to
+      `optimise.design`, a `Podium` or `Dimensions`
     - `variables`: name → value, in `units`; `objective`: value of the objective at the design, the largest
       entry if it is a vector
     - `satisfied`: whether objective and margins are finite and all margins are ≥ 0 in the verification: a
@@ -71,10 +71,13 @@ class Design(Module):
       decreases by the price times ε. The price is 0 if the limit does not bind. Prices are NaN for all
       targets if one target is violated or unverified, or if an interrupted search has not determined the
       prices
-    - `result`: a member of `optimise.RESULTS`; `stats`: an `Effort`
-    - `history`: the iterations of all starts as `Iterate`s; the iterations of corrections only if targets
-      have fresh samples
-    - `starts`: an `Outcome` for every start; `best`: index of the start that gave this design, from 0
+    - `result`: a member of `optimise.RESULTS`
+    - `stats`: numbers of `evaluations`, simulated `scenes` and `iterations`, and wall time `seconds`
+    - `history`: the iterations of all starts, each with `start`, `iteration`, `x` (scaled variables),
+      `objective`, `margin`, `residual`, `radius`, `penalty`, `step` and `accepted`. Iterations of corrections
+      are included only if targets have fresh samples
+    - `starts`: the outcome of every start, with `variables`, `objective`, `margin`, `satisfied`, `result` and
+      `iterations`; `best`: index of the start that gave this design, from 0
     - `bounds`: name → (lowest, highest); `units`: name → unit; `minimised`: name of the objective
     - `probabilities`: for targets on a probability of failure, target → estimate of this probability from an
       independent sample

@@ -61,8 +61,9 @@ def design(
       All parameters that are not varied keep their values
     - `vary`: name → (lowest, highest) in the unit of the parameter. The names are those of parameters of the
       structure. A `Podium` has `alpha`, `tan_alpha`, `R`, `gamma`, `lam`, `g`, `restitution`, `eta`, `T_s`,
-      `zeta`, `width`, `height` (if only one of these two varies, the other keeps its value), and others. A
-      positive range is scaled logarithmically if highest/lowest > 10
+      `zeta`, `width`, `height` (if only one of these two varies, the other keeps its value), and others. In a
+      search, variables are scaled to [0, 1] between their bounds, logarithmically if the range is positive
+      and highest/lowest > 10
     - `minimise`: an objective, or a function of the podium that returns a number or a vector, whose largest
       entry is minimised. None finds the design that satisfies the targets and is nearest to `podium` in
       scaled variables
@@ -74,12 +75,13 @@ def design(
     - `starts`: number of starting points, ≥ 1: `podium`, and a random Latin hypercube for the others
     - `seed`: seed of the random starting points, ≥ 0
     - `options`: options of the simulations; their `outputs` and `throw` are ignored
-    - `tolerance`: tolerance of the optimality conditions, in scaled variables, and least margin that the
-      search aims at, in [1e-10, 1e-2]; at least 1e-4 is used if a target is a `FailureProbability` [–]
+    - `tolerance`: in [1e-10, 1e-2] [–]; the search ends when the optimality conditions, in scaled variables,
+      hold to this tolerance. It aims at margins (≥ 0 where a target holds) of at least this value. With a
+      `FailureProbability`, at least 1e-4 is used
     - `max_iterations`: for every start, the largest number of iterations of `"sqp"`, or the number of steps
       of a gradient transformation, ≥ 1. None means 60 for `"sqp"`, 100 for a transformation, and 300 with
-      `FreshSamples`. Up to 60 iterations of `"sqp"` after a transformation, and corrections after an
-      independent sample or a verification, come in addition
+      `FreshSamples`. Not counted are up to 60 iterations of `"sqp"` after a transformation, and iterations
+      that correct a design after an independent sample or the verification (see `Design.satisfied`)
     - `progress`: `True` for a progress bar, or any object with a method `update(n)`, which is called with
       n = 1 after each evaluation of all starts
 

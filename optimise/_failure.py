@@ -41,15 +41,15 @@ class FailureProbability(AbstractTarget):
     - `limit`: limit state, as for [`rockjax.failure_probability`][]
     - `cov`: coefficient of variation of the estimates, in [0.02, 0.5]; `seed`: seed of the random numbers,
       ≥ 0
-    - `rays`: number of failing samples through which rays are drawn, ≥ 8
+    - `rays`: number of rays (see below) from which the search computes the probability, ≥ 8
     - `name`: name in reports; None for a description
 
-    The margin is ln k, where k is the factor on the standard normal variables u of the motion with which the
-    probability of failure equals `at_most`. For motions without a pulse, k is a factor on the motion. During
-    the search k is computed along rays, half-lines from u = 0 through failing samples of the first structure;
-    the same rays serve all structures. The derivatives of k with respect to the design variables follow from
-    the implicit function theorem. The search aims below `at_most` to allow for the scatter between two
-    samples.
+    Let u be the standard normal variables that define the motion. If they are multiplied by k, the
+    probability of failure is `at_most`; the margin is ln k. For motions without a pulse, k is a factor on the
+    motion. During the search k is computed along rays, half-lines from u = 0 through failing samples of the
+    first structure; the same rays serve all structures. The derivatives of k with respect to the design
+    variables follow from the implicit function theorem. The search aims below `at_most` to allow for the
+    scatter between two samples.
 
     A design is verified by subset simulation with another seed. The probability along the rays is multiplied
     by a factor so that it agrees with this independent sample, and the margin is computed again.
@@ -98,7 +98,8 @@ class FailureProbability(AbstractTarget):
     def margins(self, podium: rj.Podium, options: rj.Options) -> Values:
         """Return the margin (1,) of a structure, from rays sampled for this structure; outside jit and grad.
 
-        The margin includes the allowance of a search for scatter. `options` has no effect.
+        As in a search, the margin belongs to a probability below `at_most`, to allow for scatter. `options`
+        has no effect.
         """
         if any(concrete(y) is None for y in jax.tree.leaves(podium)):
             raise ValueError(

@@ -39,8 +39,8 @@ DRAWS_PER_START = 16  # random points for each start after the first; the best i
 class Fit(Module):
     """A fitted podium with its standard errors.
 
-    - `podium`: the fitted podium; `structure`: the same as a `rockjax.Podium` or an `optimise.Dimensions`,
-      whichever was passed to `optimise.fit`
+    - `podium`: the fitted podium; `structure`: the fitted structure in the type that was passed to
+      `optimise.fit`, a `rockjax.Podium` or an `optimise.Dimensions`
     - `variables`: name → value, in `units`; `errors`: name → standard error, in `units`, from the Jacobian
       and the scatter of the residuals. All errors are inf if the measurement does not determine every
       variable; the error of a variable at a bound is only a rough indication

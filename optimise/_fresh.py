@@ -13,16 +13,16 @@ import rockjax as rj
 from rockjax._risk.structure import records_from_samples
 from rockjax.internal import AnyMotions, format_value, require_whole, single_motions
 
-# Parts of the random seed of a batch: for the steps of a search, and for independent samples.
+# Second entry of the seed [seed, stream, …] of a batch, so that the steps of a search and the independent
+# samples use different random numbers.
 STEP_STREAM, SAMPLE_STREAM = 1, 2
 
 
 class FreshSamples:
     """Ground motions that are drawn anew in every step of a search with an Optax gradient transformation.
 
-    An instance replaces the suite in targets on the distribution of overturning capacities (the scales or
-    intensities with which motions overturn the columns): `optimise.AnnualFrequency`, which accepts only
-    records, and `optimise.MedianCapacity`.
+    An instance can be the argument `suite` of `optimise.MedianCapacity` and, if it consists of records, of
+    `optimise.AnnualFrequency`.
 
     - `motions`: a [`rockjax.GaussianMotion`][], or two or more records, which are drawn with replacement
     - `batch`: number of motions that are drawn in every step, ≥ 2
@@ -61,7 +61,7 @@ class FreshSamples:
     def records(self, owner: str) -> tuple[Any, ...]:
         """Return the records from which samples are drawn.
 
-        Raises `ValueError`, in the name of `owner`, if samples are drawn from a Gaussian motion.
+        Raises `ValueError` if samples are drawn from a Gaussian motion; its message begins with `owner`.
         """
         if not self.members:
             raise ValueError(f"{owner}: FreshSamples must be drawn from records, got {self!r}")

@@ -43,7 +43,8 @@ class AbstractObjective(Module):
 
     @property
     def scenes(self) -> int:
-        """Number of scenes simulated for one evaluation."""
+        """Number of scenes (one podium under one motion) of one evaluation; the search for one overturning
+        amplitude counts as one."""
         return 0
 
 
@@ -66,7 +67,8 @@ class AbstractWorst(AbstractObjective, AbstractResponses):
 class WorstRotation(AbstractWorst):
     """The largest peak rotation max|θ|/α under a motion or a list of motions [–].
 
-    Where the columns overturn, the value is overturn_ratio − M, where M < 0 is the overturning margin.
+    Where the columns overturn, the value is `Options.overturn_ratio` − M, where M < 0 is the overturning
+    margin, so it increases with the speed of the fall.
     """
 
     outputs: ClassVar[tuple[str, ...]] = ("peak_rotation", "margin")
@@ -89,8 +91,8 @@ class WorstPeak(AbstractWorst):
 
     Where the columns overturn, the peak until overturning underestimates the response. This peak is therefore
     multiplied by (1 − M), where M < 0 is the overturning margin. To exclude such designs, add a target such
-    as [`optimise.NoOverturning`][]. Raises `ValueError` for other outputs, for outputs that can be infinite
-    and, when evaluated, for a podium that does not have the output.
+    as [`optimise.NoOverturning`][]. Raises `ValueError` for an output that is not a peak, for a peak that can
+    be infinite, such as `"peak_friction"`, and, when evaluated, for a podium that does not have the output.
     """
 
     output: AbstractOutput = eqx.field(static=True)
@@ -99,7 +101,7 @@ class WorstPeak(AbstractWorst):
     def __init__(self, output: str | AbstractOutput, excitations):
         super().__init__(excitations)
         self.output = limited_output(type(self).__name__, output)
-        # Only an output that can be infinite has another output for targets.
+        # If an output can be infinite, `for_limit` returns another output, for use in targets.
         if self.output.for_limit(1.0)[0] != self.output:
             raise ValueError(
                 f"{type(self).__name__}: {self.output.name} can be infinite, so it cannot be minimised; "
@@ -132,7 +134,8 @@ class WorstShear(WorstPeak):
 
 
 class WorstDeformation(WorstPeak):
-    """The largest deformation of any mode of the superstructure under a motion or a list of motions [m]."""
+    """The largest deformation of the superstructure, or of one of its modes, under a motion or a list of
+    motions [m]."""
 
     def __init__(self, excitations):
         super().__init__("peak_deformation", excitations)

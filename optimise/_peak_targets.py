@@ -26,9 +26,9 @@ class PeakRotation(AbstractResponseTarget):
     - `limit`: 0 < limit < 1 [–]; `excitations`: a motion or a list of motions; `name`: name in reports, None
       for a description
 
-    The margin is (limit − s)/limit with s = max|θ|/α. If the columns overturn, s is overturn_ratio − M, where
-    M < 0 is the overturning margin. Raises `ValueError` for other limits; for a limit of 1 use
-    [`optimise.NoOverturning`][].
+    The margin is (limit − s)/limit with s = max|θ|/α. If the columns overturn, s is
+    `Options.overturn_ratio` − M, where M < 0 is the overturning margin. Raises `ValueError` for other limits;
+    for a limit of 1 use [`optimise.NoOverturning`][].
     """
 
     limit: Any
@@ -166,9 +166,10 @@ class PeakShear(PeakLimit):
 
 
 class PeakDeformation(PeakLimit):
-    """The deformation of each mode of the superstructure is at most `limit`: max|u_t − u_b| ≤ limit.
+    """The deformation of the superstructure is at most `limit`: max|u_t − u_b| ≤ limit.
 
-    u_t and u_b are the displacements of the superstructure and of the beam.
+    u_t and u_b are the displacements of the superstructure and of the beam. With several modes, each modal
+    deformation is limited.
 
     - `limit`: > 0 [m]; `excitations`: a motion or a list of motions; `name`: name in reports, None for a
       description

@@ -107,7 +107,7 @@ class Suite(Module):
         )
 
     def with_records(self, records: rj.Records) -> Suite:
-        """Return a suite of `records`, another batch of fresh samples, as fixed motions."""
+        """Return a suite whose fixed motions are `records`, a batch of the fresh samples of this suite."""
         return Suite((records,), self.order)
 
     def responses(self, podium: rj.Podium, options: rj.Options, outputs: tuple[Any, ...]) -> rj.Peak:

@@ -143,8 +143,8 @@ class OverturningAcceleration(AbstractTarget):
     - `max_acceleration_ratio`: largest searched amplitude, in units of g tan α, > 0 [–]; it must exceed the
       amplitude `at_least`. If no searched amplitude overturns the columns, the largest searched amplitude is
       used as a_ov, and the derivatives of the margin are zero
-    - `width`: in (0, 0.1); the verification of a design can miss an interval of overturning amplitudes below
-      the computed a_ov only if the interval is narrower than `width` times the largest searched amplitude [–]
+    - `width`: in (0, 0.1) [–]; resolution of the search for a_ov in the verification: only an interval of
+      overturning amplitudes narrower than `width` times the largest searched amplitude can be missed
     - `name`: name in reports; None for a description
 
     The margin is a_ov/at_least − 1 for every period. Raises `ValueError` for arguments out of range; if
@@ -297,8 +297,8 @@ class OverturningScale(AbstractScaleTarget):
     - `max_scale`: largest searched factor, > `at_least`; None for 3 times `at_least` [–]. If no searched
       factor on a motion overturns the columns, `max_scale` is used as the overturning scale of this motion,
       with zero derivatives
-    - `width`: in (0, 0.1); the verification of a design can miss an interval of overturning factors below the
-      computed overturning scale only if the interval is narrower than `width` times `max_scale` [–]
+    - `width`: in (0, 0.1) [–]; resolution of the search for the overturning scale in the verification: only
+      an interval of overturning factors narrower than `width` times `max_scale` can be missed
     - `name`: name in reports; None for a description
 
     The margin is (overturning scale)/at_least − 1 for every motion. Raises `ValueError` for arguments out of
@@ -329,8 +329,8 @@ class MedianCapacity(AbstractScaleTarget):
     """The median of the scales with which the motions of a suite overturn the columns is at least `at_least`.
 
     - `at_least`: > 0 [–]; `suite`: two motions or more, or `FreshSamples`
-    - `max_scale`: largest searched factor, > `at_least`; None for 3 times `at_least` [–]. For a motion that
-      does not overturn the columns up to `max_scale`, the fit uses only that its overturning scale is larger
+    - `max_scale`: largest searched factor, > `at_least`; None for 3 times `at_least` [–]. If a motion does
+      not overturn the columns up to `max_scale`, its overturning scale is only known to be larger (censored)
     - `width`: as for [`optimise.OverturningScale`][]
     - `name`: name in reports; None for a description
 

@@ -67,7 +67,7 @@ class StepOutcome(NamedTuple):
 def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Decision | None) -> Attempt:
     """Try one step from a state, without a search for events.
 
-    - `scene`, `plan`: the prepared scene, and its choices fixed at compilation, such as the tableau
+    - `scene`: the prepared scene; `plan`: settings that are fixed at compilation, such as the tableau
     - `state`: state at the start of the step
     - `ground_at`: t ↦ ground acceleration on the present piece of the excitation [m/s²]
     - `replayed`: recorded decision of an accepted step, which fixes the length; None if the length is free

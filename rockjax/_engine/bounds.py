@@ -1,4 +1,4 @@
-"""Bounds on the remaining motion of a scene, from its energy.
+"""Bounds on the remaining motion of a scene (one podium under one excitation), from its energy.
 
 The potential well is the range of rotations from which gravity and restrainers pull the columns back. Columns
 in full contact lift when the uplift demand |q| exceeds the threshold q_up, Eq. (9). Equations without a

@@ -1,5 +1,5 @@
-"""The certificate: a proof, from the energy, that no requested output can change any more, so that the scene
-may end early."""
+"""The certificate: a proof, from the energy, that no requested output of a scene (one podium under one
+excitation) can change any more, so that the scene may end early."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def certificate(scene: Scene, plan: Plan, state: LoopState, piece: Index, ground
     The outputs are final if the columns stay inside the potential well (see `bounds.py`) or rest for good,
     and every output confirms that its accumulator (the value up to the present time) can no longer change.
 
-    - `scene`, `plan`: the prepared scene, and its choices fixed at compilation
+    - `scene`: the prepared scene; `plan`: settings that are fixed at compilation, such as the outputs
     - `state`: state after a step
     - `piece`: piece of the excitation after the step
     - `ground`: ground acceleration at the end of the step on that piece, ü_g, or ü_g and v̈_g [m/s²]

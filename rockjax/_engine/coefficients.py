@@ -1,4 +1,4 @@
-"""Constants of the equations of a podium, computed once per scene.
+"""Constants of the equations of a podium, computed once per scene (one podium under one excitation).
 
 Equations without a letter are those of docs/model.md. (C10) is in docs/control.md, (F12) in docs/forces.md,
 and the other lettered ones are in docs/equations.md.

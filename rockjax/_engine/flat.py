@@ -1,4 +1,4 @@
-"""The flat engine: a single loop over the trial steps of a scene.
+"""The flat engine: a single loop over the trial steps of a scene (one podium under one excitation).
 
 The loop can store its accepted steps as nodes. It can also store the decisions of these steps (their lengths
 and events), from which the scene can be repeated.
@@ -99,7 +99,7 @@ def with_end_code(scene: Scene, state: LoopState) -> LoopState:
 def run(scene: Scene, plan: Plan, state: LoopState, max_steps: int) -> LoopState:
     """Integrate a scene and return its final state.
 
-    - `scene`, `plan`: the prepared scene, and its choices fixed at compilation
+    - `scene`: the prepared scene; `plan`: settings that are fixed at compilation, such as the outputs
     - `state`: initial state
     - `max_steps`: limit of accepted and rejected steps together
     """
@@ -115,7 +115,7 @@ def run_with_history(
 ) -> tuple[LoopState, Nodes]:
     """Integrate a scene and return its final state and its accepted steps.
 
-    - `scene`, `plan`: the prepared scene, and its choices fixed at compilation
+    - `scene`: the prepared scene; `plan`: settings that are fixed at compilation, such as the outputs
     - `state`: initial state
     - `max_steps`: limit of accepted and rejected steps together
     - `capacity`: number of nodes that can be stored; a scene with more nodes ends with HISTORY_FULL
@@ -134,7 +134,7 @@ def record_decisions(
 ) -> tuple[LoopState, Decision, Index]:
     """Integrate a scene and return its final state, the decisions of all accepted steps, and their number.
 
-    - `scene`, `plan`: the prepared scene, and its choices fixed at compilation
+    - `scene`: the prepared scene; `plan`: settings that are fixed at compilation, such as the outputs
     - `state`: initial state
     - `max_steps`: limit of accepted and rejected steps together, and length of the arrays of decisions
     """
@@ -214,7 +214,7 @@ def replay(
     """Repeat a scene from recorded decisions, in a loop that reverse mode can differentiate with bounded
     memory.
 
-    - `scene`, `plan`: the prepared scene, and its choices fixed at compilation
+    - `scene`: the prepared scene; `plan`: settings that are fixed at compilation, such as the outputs
     - `state`: initial state
     - `decisions`, `count`: recorded decisions, arrays of length `max_steps`, and their number
     - `capacity`: number of nodes to store; None stores none

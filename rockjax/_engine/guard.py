@@ -1,4 +1,4 @@
-"""The guard of a contact mode over a step, and the time at which it breaks.
+"""The guard of a contact mode over a step, and the time at which it leaves its limits.
 
 A contact mode (full contact, or rocking on one side) lasts as long as a quantity, its guard, stays within
 limits. The guard breaks when it leaves these limits. This is an event: an impact, overturning or an uplift. A
@@ -73,7 +73,7 @@ def evaluate_guard(
 ) -> Guard:
     """Return the guard over a trial step.
 
-    - `scene`, `plan`: the prepared scene, and its choices fixed at compilation
+    - `scene`: the prepared scene; `plan`: settings that are fixed at compilation, such as the outputs
     - `state`: state at the start of the step
     - `ground_at`: t ↦ ground acceleration on the present piece of the excitation [m/s²]
     - `h`: length of the step [s]

@@ -1,8 +1,8 @@
 """Preparation of a scene for the loop: the plan, the constants and the initial state.
 
-The plan holds the choices that are fixed at compilation. If errors are estimated, every scene is solved
-twice. In the second solution `Options._stride` is below 1, and this module chooses other settings (a smaller
-rest velocity, other step lengths).
+A scene is one podium under one excitation. The plan holds the settings that are fixed at compilation. If
+errors are estimated, every scene is solved twice. In the second solution `Options._stride` is below 1, and
+this module chooses other settings, such as other step lengths.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def plan_for(
     extra_outputs: tuple[AbstractOutput, ...] = (),
     vertical: bool = False,
 ) -> Plan:
-    """Return the plan: the choices that are fixed at compilation.
+    """Return the plan: the settings that are fixed at compilation.
 
     - `podium`, `options`: structure and solver options of the scenes
     - `history`: True if the accepted steps are stored
@@ -76,10 +76,10 @@ def plan_for(
     )
 
 
-# In the second solution rocking stops about IMPACTS_LATER impacts later, because the rest velocity is
-# multiplied by e^IMPACTS_LATER, clipped to [MIN_REST_FACTOR, MAX_REST_FACTOR]; e is the restitution factor.
-# If nothing vibrates and an impact takes little speed, 1 − e < LITTLE_LOSS · rtol, the factor is
-# MIN_REST_FACTOR.
+# In the second solution rocking stops about IMPACTS_LATER impacts later, because the rest velocity (see
+# `_rest_speed`) is multiplied by e^IMPACTS_LATER, clipped to [MIN_REST_FACTOR, MAX_REST_FACTOR]; e is the
+# restitution factor. If nothing vibrates and an impact takes little speed, 1 − e < LITTLE_LOSS · rtol, the
+# factor is MIN_REST_FACTOR.
 IMPACTS_LATER, MAX_REST_FACTOR, MIN_REST_FACTOR, LITTLE_LOSS = 3, 0.5, 1e-4, 100.0
 # A step ends on an event if the time from the end of the step to the event, divided by the length of the
 # step, is at most LANDING · √rtol and at most MAX_LANDING. A Taylor expansion at the end of the step then
@@ -161,8 +161,8 @@ def _lookahead(excitation: AbstractExcitation, c: Coefficients, plan: Plan) -> A
 
 
 def _landing_fraction(options: Options) -> Value:
-    """Return the largest time from the end of a step to an event on which the step still ends, divided by the
-    length of the step."""
+    """Return the largest time between the end of a step and an event on which it counts as ending, divided by
+    the length of the step."""
     fraction = jnp.minimum(LANDING * jnp.sqrt(options.rtol), MAX_LANDING)
     return fraction * _by_solution(options, LANDING_SECOND, 1.0)
 

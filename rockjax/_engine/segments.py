@@ -2,9 +2,9 @@
 
 A segment is the motion from one event or breakpoint to the next; the impact map and the other transitions
 apply between segments. This engine accepts any Diffrax solver and serves as a check of the flat engine. Both
-engines share the equations, the transitions, the certificate (the proof that a scene may end) and the search
-for the next uplift of a rigid podium. Diffrax's events alone are not accurate enough. This engine therefore
-makes four corrections:
+engines share the equations, the transitions, the certificate (the proof that no output can change any more)
+and the search for the next uplift of a rigid podium. Diffrax's events alone are not accurate enough. This
+engine therefore makes four corrections:
 
 - The time of the event according to the interpolant is a first guess. The segment is solved again up to this
   time, and Newton's method finds the event from there.
@@ -52,7 +52,7 @@ def run_segments(
 ) -> tuple[LoopState, Nodes | None]:
     """Integrate a scene segment by segment.
 
-    - `scene`, `plan`: the prepared scene, and its choices fixed at compilation
+    - `scene`: the prepared scene; `plan`: settings that are fixed at compilation, such as the outputs
     - `state`: initial state
     - `options`: options, which hold the Diffrax solver
     - `capacity`: number of nodes to store; None stores none
@@ -108,12 +108,12 @@ def _append(nodes: Nodes, state: LoopState, ts, xs: Rows, vs: Rows, impact_time:
 
 class _ContactMode(NamedTuple):
     """Equations of one contact mode on one piece of the ground motion. Diffrax integrates states that are
-    divided by their natural units (`scaled`)."""
+    divided by `natural_units` (`scaled`)."""
 
     scene: Scene
     sigma: Value  # contact mode
     ground_at: Callable[[Value], Value]  # t ↦ ground acceleration on the piece [m/s²]
-    units: Motion  # natural units of positions and velocities
+    units: Motion  # units of positions and velocities (`natural_units`)
 
     @property
     def rocking(self) -> Flag:
@@ -178,7 +178,7 @@ def _solver(mode: _ContactMode, options: Options, state: LoopState, stop: Value)
 
 
 class _Path(NamedTuple):
-    """A segment, solved until the guard breaks or the time `stop` is reached."""
+    """A segment, solved until the guard leaves its limits or the time `stop` is reached."""
 
     mode: _ContactMode
     solve: Callable[..., Any]  # as returned by `_solver`
@@ -186,7 +186,7 @@ class _Path(NamedTuple):
     start: Value  # time of the start [s]
     stop: Value  # time of the next breakpoint, the end of the scene or `trial_limit`, whichever is first [s]
     reached: Value  # time that the solution has reached [s]
-    fired: Flag  # Diffrax reported an event: the guard broke
+    fired: Flag  # Diffrax reported an event
     times: Value  # times of the samples [s]
     samples: Motion  # positions and velocities at the times of the samples
 

@@ -1,5 +1,4 @@
-"""Solution of one scene from a structure and an excitation, with derivatives with respect to their
-parameters.
+"""Solution of one scene (one podium under one excitation), with derivatives with respect to the parameters.
 
 The derivatives with respect to scalar parameters are computed in forward mode, together with the value. Both
 `jax.jacfwd` and `jax.grad` use these derivatives, so they cost the same. For derivatives with respect to
@@ -140,7 +139,8 @@ def answers(
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """Return the outputs of a finished scene by name, in two dicts: first floats, then integers and flags.
 
-    - `scene`, `plan`, `state`: the prepared scene, its choices fixed at compilation, and its final state
+    - `scene`, `state`: the prepared scene and its final state
+    - `plan`: settings that are fixed at compilation, such as the outputs
     - `final`: state from which integers and flags are read; None to read them from `state`
     """
     floats = {

@@ -1,4 +1,5 @@
-"""Data types of the integration loop: the plan, the scene, the loop state, and the result of a trial.
+"""Data types of the integration loop: the plan, the scene (one podium under one excitation), the loop state,
+and the result of a trial.
 
 A breakpoint is a time at which the ground motion has a jump or a kink, and a piece is the ground motion
 between two breakpoints. An accumulator holds the value of an output up to the present time.
@@ -23,7 +24,7 @@ from .tableaus import Tableau
 
 @dataclasses.dataclass(frozen=True)
 class Plan:
-    """Choices that are fixed at compilation (static under `jax.jit`).
+    """Settings that are fixed at compilation (static under `jax.jit`).
 
     - `elastic`: True if the superstructure vibrates
     - `outputs`: the outputs that are computed, the rotation first; each is an `AbstractOutput` of
@@ -73,25 +74,26 @@ class Scene(NamedTuple):
     start: Value  # start of the scene [s]
     end: Value  # end of the scene [s]
     overturn_angle: Value  # overturn_ratio·α [rad]
-    rest_speed: Value  # rest velocity [rad/s]
+    rest_speed: Value  # rest velocity: columns come to rest at an impact if |θ̇⁺| is at most this [rad/s]
     log_restitution: Value  # −ln e, with the restitution factor e
     min_impact_speed: Value  # impact speed that restitution reduces to the rest velocity [rad/s]
-    estimate_factor: Value | None  # factor on error estimates; None if they have the usual order
-    skip_below: Value  # a sample may be skipped if the error divided by the tolerance is at most this
-    # Largest time from the end of a step to an event on which the step ends, divided by the step's length.
+    # Factor < 1 on error estimates whose order is lower than usual; None if the order is usual.
+    estimate_factor: Value | None
+    skip_below: Value  # a sample of the ground motion needs a trial step if error/tolerance exceeds this
+    # A step can end on an event that is at most this fraction of its length before or after its end.
     landing_fraction: Value
     split_fraction: Value  # length of the first of two steps to a breakpoint, divided by the distance to it
     unsplit_limit: Value  # a proposed step above this multiple of the distance to a breakpoint is not split
     rtol: Value  # relative tolerance
-    atol: Value  # absolute tolerance, in natural units
+    atol: Value  # absolute tolerance, as a multiple of `attempt.natural_units`, such as α for θ [–]
     max_step: Value  # longest step after the excitation [s]
     max_excited_step: Value  # longest step during the excitation [s]
     excitation_end: Value  # end of the excitation [s]
 
 
 class LoopState(NamedTuple):
-    """State of the automaton. Stamps and step lengths are held constant under differentiation; `event_time`,
-    positions, velocities and accumulators carry tangents."""
+    """State of the integration loop between two trials. Contact modes, stamps and step lengths are held
+    constant under differentiation; `DIFFERENTIATED` and `_REPORTED` list the fields that have tangents."""
 
     t: Value  # stamp of the present time [s]
     event_time: Value  # equal to t, but differentiated as the time of an event or breakpoint [s]
@@ -100,14 +102,14 @@ class LoopState(NamedTuple):
     sigma: Value  # contact mode: 0 full contact, ±1 rocking
     piece: Index  # piece of the excitation
     h: Value  # step length that the step-size control proposes [s]
-    # Largest length of the next trial (flat engine) or its latest end (segments engine) [s]; inf if it is not
-    # limited.
+    # Limit on the next trial if it repeats a part of the last one, else inf [s]: its largest length in the
+    # flat engine (`flat.py`), its latest end in the segments engine (`segments.py`).
     trial_limit: Value
     code: Index  # result code, or results.RUNNING
     # The accumulator of each output of the plan, with tangents. The first is the largest |θ| so far [rad].
     accumulators: tuple[Any, ...]
-    notes: tuple[Any, ...]  # further data of each output, such as times; no tangents in batches
-    uplifted: Flag  # the columns have lifted, or started rocking
+    notes: tuple[Any, ...]  # further data of each output, such as the time of a peak
+    uplifted: Flag  # the columns have left full contact, or rocked from the start
     uplift_time: Value  # time of the first uplift, or of the start if the columns rock then [s]; else NaN
     overturn_time: Value  # time of overturning [s]; NaN before
     impacts: Index  # number of impacts
@@ -127,7 +129,7 @@ class LoopState(NamedTuple):
 # Fields whose tangents later steps use.
 DIFFERENTIATED = ("event_time", "x", "v", "accumulators")
 
-# Other fields that have tangents. Contact modes, stamps and step lengths have none.
+# Other fields that have tangents, which only the answers use; batches do not compute them.
 _REPORTED = ("notes", "uplift_time", "overturn_time", "min_impact_speed", "min_impact_speed_before_peak")
 
 

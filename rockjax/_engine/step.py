@@ -1,17 +1,20 @@
-"""One trial step of one scene. An accepted trial advances the scene; a rejected trial shortens the next.
+"""One trial step of one scene (one podium under one excitation).
 
-A trial takes a Runge–Kutta step. Each contact mode σ ends when a quantity, its guard, leaves its limits.
-While rocking (σ = ±1) the guard is σθ with the rotation θ. In full contact (σ = 0) the guard is the uplift
-demand q of Eq. (9) of docs/model.md. A quintic polynomial interpolates the guard between both ends of the
-step. An event occurs where the guard leaves its limits. If this happens inside the step, the trial is
-rejected, and the next trial is shortened to end at the event. The event is applied once a trial ends on it,
-or so close to it that a Taylor expansion covers the remaining time. Events are therefore as accurate as the
-solver.
+A trial takes a Runge–Kutta step. An accepted trial advances the scene; a rejected trial shortens the next.
+
+A contact mode σ lasts as long as a quantity, the guard, stays within limits. While rocking (σ = ±1) the guard
+is σθ with the rotation θ, and the limits are 0 and the overturning angle. In full contact (σ = 0) it is the
+uplift demand q of Eq. (9) of docs/model.md, with the limits ±q_up. A quintic polynomial interpolates the
+guard between both ends of the step. An event occurs where the guard leaves its limits (it breaks). If this
+happens inside the step, the trial is rejected, and the next trial is shortened to end at the event. The event
+is applied once a trial ends on it, or so close to it that a Taylor expansion covers the remaining time.
+Events are therefore as accurate as the solver.
 
 Times, step lengths and roots are held constant under differentiation (`stop_gradient`). The constant value of
 a time is called its stamp; the derivatives of an event's time with respect to the parameters are carried
-separately. To differentiate an event, the state is moved from the stamp to the event (`state_past`), changed
-by the event, and moved back to the stamp (`restart`). The derivatives are exact in forward and reverse mode.
+separately. The state is moved from the end of the step, a constant time, to the event (`state_past`), and
+changed by the event. `restart` then moves it to the stamp, which changes no values, only derivatives. The
+derivatives are exact in forward and reverse mode.
 """
 
 from __future__ import annotations
@@ -55,13 +58,13 @@ def step(
 ) -> tuple[LoopState, StepInfo]:
     """Advance one scene by one trial step.
 
-    - `scene`, `plan`: the prepared scene, and its choices fixed at compilation
+    - `scene`: the prepared scene; `plan`: settings that are fixed at compilation, such as the outputs
     - `state`: state at the start of the step
     - `replayed`: recorded decision of an accepted step to repeat; None if the step is decided here
 
     Unless the plan follows full contact step by step, a podium in full contact goes directly to its next
-    uplift, and samples of the ground motion that need no trial are skipped before the trial
-    (`skip_samples`). Replayed steps skip no samples.
+    uplift. While rocking, the state first advances from sample to sample of the ground motion as long as no
+    trial is needed (`skip_samples`). Replayed steps skip no samples.
 
     Returns the new state and the result of the trial.
     """
@@ -152,11 +155,11 @@ def _classify(
     breaks = (guard.breaks_before_turn | guard.breaks_after_turn) & ~lands & ~is_ignored
     # If the columns return to θ = 0 even in a very short first step after an uplift, the uplift is false.
     false_uplift = trial.starts_at_zero & (constant(state.v[0]) == 0) & breaks & (h < 1e-9 / constant(c.p))
-    # The next trial ends where the guard breaks, but is not shorter than 2 % of this step.
+    # The next trial ends where the guard leaves its limits, but is not shorter than 2 % of this step.
     event_fraction = jnp.where(breaks & ~false_uplift, jnp.maximum(guard.break_point, 0.02), jnp.inf)
 
-    # If an output needs a more accurate maximum than the polynomial gives, the step is shortened to end on
-    # the maximum.
+    # Outputs take maxima from polynomials through both ends of the step. If that is too inaccurate for a
+    # maximum, the next trial is shortened to end on it.
     view = Step(scene, plan.ends_on_maxima, state, ground_at, trial, guard, before, after)
     maxima = tuple(
         output.over_step(view, accumulator)
@@ -254,9 +257,9 @@ def _advance(
     code = jnp.where(stamp >= constant(scene.end), results.END_OF_TIME, results.RUNNING)
     if not plan.to_the_end:
         code = jnp.where(certificate(scene, plan, advanced, piece, ground), results.SETTLED, code)
-    # The state is moved from the event back to the stamp with the equation of motion after the event. If the
-    # event coincides with a breakpoint, but the two times have different derivatives, the old piece of the
-    # excitation applies between the two.
+    # The state is moved from the event to the stamp with the equation of motion after the event. If the event
+    # coincides with a breakpoint, the derivatives of their times may differ. The state is then moved to the
+    # breakpoint with the old piece of the excitation, and from there to the stamp with the new piece.
     breakpoint_shift = jnp.where(piece > state.piece, trial.stop - constant(trial.stop), shift)
     x, v = restart(scene, stamp, shift - breakpoint_shift, x, v, mode, state.piece)
     x, v = past_breakpoint(scene, stamp, breakpoint_shift, x, v, mode, (state.piece, piece))

@@ -171,11 +171,10 @@ def restart(
     - `x`, `v`, `sigma`: positions, velocities and contact mode after the event
     - `piece`: piece of the excitation after the event
 
-    The time of the event depends on the parameters; the stamp does not. The state is moved from the stamp to
-    the event with the equation of motion before the event, changed by the transition, and moved back with the
-    equation of motion after the event. The saltation matrix is the derivative of the last state of this
-    sequence with respect to the first. This function makes the last move: it changes derivatives, but
-    not values.
+    The time of the event depends on the parameters; the stamp does not. The state has been moved from the end
+    of the step, a constant time, to the event with the equation of motion before the event, and changed by
+    the transition. This function moves it to the stamp with the equation of motion after the event, which
+    changes derivatives, but not values. The derivative of the whole sequence is the saltation matrix.
     """
     del scene, t, delta, sigma, piece
     return x, v

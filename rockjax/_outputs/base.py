@@ -132,7 +132,7 @@ class AbstractOutput:
         return jnp.zeros(shape.shape, shape.dtype), None
 
     def over_step(self, step: Step, accumulator: Any) -> Maximum | None:
-        """Return the `Maximum` of the quantity over a step, or None if the accumulator depends only on the
+        """Return the maximum of the quantity over a step, or None if the accumulator depends only on the
         ends of steps."""
         return step.largest(step.course(self.quantity), accumulator)
 
@@ -143,7 +143,7 @@ class AbstractOutput:
         return None
 
     def update(self, end: StepEnd, accumulator: Any, note: Any, largest: Any) -> tuple[Any, Any]:
-        """Return the accumulator and the note after an accepted step. `largest` is the value of the `Maximum`
+        """Return the accumulator and the note after an accepted step. `largest` is the value of the maximum
         that `over_step` returned, or None if `over_step` returned None."""
         if largest is not None:
             accumulator = jax.tree.map(larger, largest, accumulator)

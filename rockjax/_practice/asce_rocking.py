@@ -97,8 +97,8 @@ class AsceRocking(AbstractMethod):
         "small in 24 %, and it missed 19 % of the overturnings."
     )
     missing = (
-        "F_v (vertical motion) is taken as 1, because its formula was not found",
-        "factors of safety are left out, because they were not found; the rotation is the best estimate",
+        "F_v (vertical motion) is taken as 1: rockjax does not implement its formula",
+        "factors of safety are not applied; the rotation is the best estimate",
     )
 
     def obstacles(self, case: Case) -> tuple[str, ...]:

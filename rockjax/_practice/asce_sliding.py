@@ -68,7 +68,7 @@ class AsceSliding(AbstractMethod):
         "No verdict, because the sliding distance is not computed. c_s is twice the acceleration at which a "
         "rigid body begins to slide, so a spectrum below c_s does not exclude sliding."
     )
-    missing = ("the sliding distance is not computed, because its formula was not available",)
+    missing = ("the sliding distance is not computed: rockjax does not implement its formula",)
 
     def obstacles(self, case: Case) -> tuple[str, ...]:
         reasons = []

@@ -76,7 +76,7 @@ class MethodResult:
       stands for overturning, and the tuple is empty without uplift. None for methods that compute no rotation
     - `rotation_ratio`: for each motion, the largest of `answers`, shape (n,) [–]; 0 without uplift. None for
       methods that compute no rotation
-    - `values`: intermediate numbers by name, each a `Quantity`
+    - `values`: intermediate numbers by name, each with `value`, `unit` and `meaning`
     - `conservative`: whether the method is on the safe side: `"yes"`, `"no"` or `"depends"`
     - `reliability`: what is known about the reliability of the method
     - `missing`: what was not computed, and why

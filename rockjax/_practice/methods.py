@@ -36,18 +36,19 @@ def simplified_methods(
     (P2) includes vibrations of the superstructure; the other methods treat the superstructure as rigid. Only
     (P6) includes vertical motion, by the largest vertical acceleration A_v.
 
-    - `podium`: a single podium, with any superstructure; no method applies to tendons, dampers or inerters
+    - `podium`: a single podium, with any superstructure. For a podium with tendons, dampers or inerters
+      nothing is computed
     - `motions`: n sampled motions: a [`rockjax.Motion`][], [`rockjax.Motions`][], records or a list of them
-    - `friction`: coefficient of friction μ in (P6), ≥ 0 [–]; (P6) needs it
-    - `vertical`: largest vertical ground acceleration A_v in (P6), ≥ 0 [m/s²]; by default the largest of the
-      vertical components, if every motion has one. (P6) needs A_v
+    - `friction`: coefficient of friction μ, ≥ 0 [–]; without it (P6) computes nothing
+    - `vertical`: largest vertical ground acceleration A_v, ≥ 0 [m/s²]; by default the largest of the vertical
+      components, if every motion has a sampled one. Without A_v (P6) computes nothing
     - `confidence_factor`: confidence factor FC in (P7), ≥ 1 [–]
     - `methods`: names of methods, in the order of the results; by default all: `"static"` (P1),
       `"spectral_uplift"` (P2), `"priestley"` (P3), `"fema_356"` (P4), `"asce_43_05_rocking"` (P5),
       `"asce_43_05_sliding"` (P6), `"circolare_displacement"` and `"circolare_force"` (P7)
 
-    Returns one [`rockjax.MethodResult`][] for each method. Response spectra are exact for motions that are
-    linear between samples.
+    Returns one [`rockjax.MethodResult`][] for each method; its `missing` states what is not computed, and
+    why. Response spectra are exact for motions that are linear between samples.
 
     Raises `ValueError` for a podium with arrays of parameters or traced parameters, for motions without
     samples, for numbers out of range and for unknown methods.

@@ -101,8 +101,9 @@ class Evaluation:
 
     - `problem`: the problem; `scenes`: its solved scenes
     - `checks`: a `Check` for every entry of `[[checks]]` and `[[targets]]`
-    - `assumptions`: set of motions → id of the assumption → `Outcome`, or a text that states why there is no
-      test. It contains the sets that have a check with a value
+    - `assumptions`: set of motions → id of the assumption → result of its test, with `violated` (for each
+      scene), `worst` and `text`, or a text that states why there is no test. It contains the sets that have a
+      check with a value
     - `skipped`: the argument `skip` of `evaluate`
     - `make_tables`: function that returns the tables of an evaluation
     """

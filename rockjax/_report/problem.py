@@ -115,8 +115,8 @@ class Problem:
     """A problem file as objects, from [`rockjax.read_problem`][].
 
     - `path`, `sha256`: the file and the hash of its text
-    - `podium`: the structure; `inputs`: an `Input` for each key of `[structure]`
-    - `motions`: name → `MotionSet`
+    - `podium`: the structure; `inputs`: `key`, `value` and `source` of each key of `[structure]`
+    - `motions`: name → set of motions, with `name`, `label`, `members` and `names`
     - `checks`: the entries of `[[checks]]` and `[[targets]]`
     - `options`: options of the solver
     - `sources`: key of the file, such as `structure.width` → text that states where its value comes from

@@ -27,7 +27,7 @@ class Kind(NamedTuple):
 
 
 _LENGTHS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
-# The size of "g" is the gravity of the problem file; see `Units.factor`.
+# The size of "g" in this table is not used: `size_of` returns the gravity that its caller passes.
 KINDS = {
     "force": Kind({"N": 1.0, "kN": 1e3, "MN": 1e6}, "kN"),
     "length": Kind(_LENGTHS, "m"),
@@ -93,8 +93,8 @@ class Units:
       example, ("kN", "m", "deg", "g", "mm") shows a column 3 m high and its top displaced by 325 mm.
     - `g`: gravity [m/s²], the size of the unit "g"
 
-    Raises `ValueError` for an unknown unit, with the nearest known unit; for two units of one kind, or of
-    lengths for more than two or equal ones; and for a gravity that is not positive and finite.
+    Raises `ValueError` for an unknown unit, for two units of one kind, for more than two units of length or
+    the same one twice, and for a gravity that is not positive and finite.
     """
 
     names: tuple[str, ...] = ()
@@ -232,8 +232,6 @@ def _name(text: str, owner: str) -> str:
     folded = {unit.casefold(): unit for unit in sorted(valid_units)}
     nearest = difflib.get_close_matches(name.casefold(), folded, 1, 0.5)
     hint = (
-        f"did you mean {folded[nearest[0]]!r}?"
-        if nearest
-        else f"known are, among others, {', '.join(_CHOOSABLE)}"
+        f"did you mean {folded[nearest[0]]!r}?" if nearest else f"known units include {', '.join(_CHOOSABLE)}"
     )
     raise ValueError(f"{owner}: {text!r} is not a known unit; {hint}")

@@ -37,8 +37,8 @@ def fragility(
     """Fit a lognormal fragility curve to an incremental dynamic analysis, by maximum likelihood.
 
     - `analysis`: result of [`rockjax.incremental_dynamic_analysis`][]
-    - `method`: `"capacities"` fits the capacities of the records, their least overturning intensities; of a
-      record that does not overturn, it uses only that the capacity is above the highest level (censoring).
+    - `method`: `"capacities"` fits the capacities of the records, their least overturning intensities; the
+      capacity of a record that does not overturn is only known to be above the highest level (censored).
       `"stripes"` fits the counts of overturned records at each level; a record does not count as overturned
       at a level that it survives, even above its capacity. By default `"capacities"`; with `limit`, the
       default and only valid method is `"stripes"`

@@ -303,9 +303,9 @@ def overturning_distribution(
     """Return the differentiable median and dispersion of the least overturning scale factors of records.
 
     The function works under `jit`, `vmap` and `grad` with respect to the parameters of `podium`. If no factor
-    up to `max_scale` on a record overturns the podium, the record is censored: the fit uses only that its
-    least factor is above `max_scale`. The result is NaN if fewer than two records overturn the podium, or if
-    the least factors (with `measure`, the least intensities) of these records are equal. Outside jit,
+    up to `max_scale` on a record overturns the podium, the record is censored: its least factor is only known
+    to be above `max_scale`. The result is NaN if fewer than two records overturn the podium, or if the least
+    factors (with `measure`, the least intensities) of these records are equal. Outside jit,
     [`rockjax.incremental_dynamic_analysis`][] finds the same least factors on all cores.
 
     - `podium`: podium with scalar parameters

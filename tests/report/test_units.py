@@ -61,7 +61,7 @@ def test_a_number_and_its_unit_come_back():
 @pytest.mark.parametrize(
     ("names", "message"),
     [
-        ("kN,furlong", "'furlong' is not a known unit; known are"),
+        ("kN,furlong", "'furlong' is not a known unit; known units include"),
         ("kn", "'kn' is not a known unit; did you mean 'kN'"),
         ("Mpa", "did you mean 'MPa'"),
         ("kPa,MPa", "stress has two units, kPa and MPa; give one of them"),

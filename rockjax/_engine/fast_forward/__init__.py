@@ -1,9 +1,9 @@
 """Fast-forwards: parts of a scene that are skipped without trial steps (steps that may be rejected).
 
-Each module contains one fast-forward. A fast-forward calls one method of every output in the plan:
-`over_rest` returns the accumulator (the value of the output up to the present time) after the skipped part;
-`over_sample` and `over_bounces` return whether the accumulator stays the same. A fast-forward may be used
-only if every output implements its method.
+A scene is one podium under one excitation. Each module contains one fast-forward. A fast-forward calls one
+method of every output in the plan: `over_rest` returns the accumulator (the value of the output up to the
+present time) after the skipped part; `over_sample` and `over_bounces` return whether the accumulator stays
+the same. A fast-forward may be used only if every output implements its method.
 
 | name | module | skipped part |
 |---|---|---|

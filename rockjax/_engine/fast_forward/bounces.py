@@ -44,7 +44,7 @@ def skipped_bounces(
     """Return the `Skipped` bounces after an impact: whether they are skipped, and how many impacts they
     contain.
 
-    - `scene`, `plan`: the prepared scene, and its choices fixed at compilation
+    - `scene`: the prepared scene; `plan`: settings that are fixed at compilation, such as the outputs
     - `state`: state before the step that ends with the impact
     - `now`: time [s], piece of the excitation and ground acceleration [m/s²] at the impact
     - `hit`: True if the step ends with an impact

@@ -13,7 +13,7 @@ from .base import Component, Format, Samples, abbreviate, choose_channel, is_raw
 _TITLE = "STRONG GROUND MOTION RECORDS OF TURKIYE"
 _KEY = re.compile(r"([A-Z][A-Z ]*(?:\([A-Za-z]+\))?)\s*:\s*(.*?)\s*$")
 _COMPONENTS = ("N-S", "E-W", "U-D")
-_PEAK_TOLERANCE = 0.01  # relative difference up to which the peaks of column and header count as equal
+_PEAK_TOLERANCE = 0.01  # largest difference between the peaks in samples and header, relative to the latter
 
 
 def _read_afad(path: Path, lines: list[str], component: Component) -> Samples:

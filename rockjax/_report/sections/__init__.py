@@ -26,7 +26,8 @@ from . import (
 if TYPE_CHECKING:
     from rockjax._report.evaluation import Evaluation
 
-# Functions (evaluation, units of drawings) ↦ section of the page.
+# Functions (evaluation, units) ↦ section of the page. The units are those of pictures and their captions; all
+# other numbers are in SI, and a format converts them.
 SECTIONS: tuple[Callable[[Evaluation, Units], Section], ...] = (
     summary.section,
     structure.section,
