@@ -279,7 +279,7 @@ def _path(mode: _ContactMode, options: Options, state: LoopState) -> _Path:
 
 
 class _Arrival(NamedTuple):
-    """The end of a segment, after the transition of the automaton."""
+    """The end of a segment, after the transition between contact modes."""
 
     t: Value  # time [s]
     x: Vector  # positions

@@ -118,7 +118,7 @@ class LoopState(NamedTuple):
     min_impact_speed_before_peak: Value
     steps: Index  # number of accepted steps
     rejected: Index  # number of rejected steps
-    may_skip: Flag | None = None  # the next sample may be skipped; None if this scene never skips samples
+    may_skip: Flag | None = None  # the next sample may need no trial step; None if samples are never skipped
 
     @property
     def peak(self) -> Value:
