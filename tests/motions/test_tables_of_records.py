@@ -104,9 +104,10 @@ def test_intervals_that_no_accelerograph_has_are_doubted(tmp_path, dt):
         (1 / 128, "{:.3f}"),
     ],
 )
-def test_times_that_are_rounded(tmp_path, dt, form):
-    times = [form.format(k * dt) for k in range(4001)]
-    wave = np.sin(np.arange(4001) / 20 * np.pi)
+@pytest.mark.parametrize("count", [4001, 9000])
+def test_times_that_are_rounded(tmp_path, dt, form, count):
+    times = [form.format(k * dt) for k in range(count)]
+    wave = np.sin(np.arange(count) / 20 * np.pi)
     path = table(tmp_path, "time [s],acc [g]", times, wave)
     assert rj.read_motion(path).dt == pytest.approx(dt, rel=1e-12)
     assert rj.read_motion(path, dt=dt).dt == pytest.approx(dt, rel=1e-12)
@@ -130,6 +131,20 @@ def test_missing_rows_are_a_gap(tmp_path):
             ValueError, match=rf"a\.csv:{missing[0] + 1}: .*{len(missing)} samples are missing"
         ):
             rj.read_motion(path, units="g")
+
+
+@pytest.mark.parametrize("rows", [[1000], [1], [1999], [500, 501], [300, 1500], [100, 900, 1700]])
+@pytest.mark.parametrize("is_repeated", [False, True])
+@pytest.mark.parametrize(("dt", "form"), [(0.01, "{:.2f}"), (0.02, "{:.2f}"), (0.005, "{:.3f}")])
+def test_gaps_and_repeated_rows_in_long_records(tmp_path, rows, is_repeated, dt, form):
+    """The last digit of the times may be as long as a step."""
+    indices = np.sort(np.append(np.arange(2001), rows)) if is_repeated else np.delete(np.arange(2001), rows)
+    times = [form.format(k * dt) for k in indices]
+    path = table(tmp_path, "time [s],acc [g]", times, np.sin(indices / 20 * np.pi))
+    problem = "resample" if is_repeated else "are missing"
+    first = rows[0] + (3 if is_repeated else 2)
+    with pytest.raises(ValueError, match=rf"a\.csv:{first}: times must rise .*{problem}"):
+        rj.read_motion(path)
 
 
 @pytest.mark.parametrize("separator", [";", "\t", " ", " ; "])

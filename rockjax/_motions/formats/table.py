@@ -31,7 +31,10 @@ _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[ED][+-]?\d+)?", re.I)
 _NUMBER_LIKE = re.compile(r"[+-]?[.,]?\d|[+-]?(?:nan|inf|infinity)$|\*", re.I)
 _FLOAT32 = 1.2e-7  # relative spacing of float32
 _MAX_ROUNDING = 0.25  # largest deviation of times that counts as rounding, divided by the mean step
-_MAX_ROUNDING_LONG = 2.0  # the same for long records, whose mean step is accurate despite the rounding
+_MAX_ROUNDING_LONG = 2.1  # the same for long records, whose mean step is accurate despite the rounding
+# A step of rounded times that differs from a multiple of the last digit by less than this fraction is this
+# multiple; otherwise a few missing rows would look like a slightly longer step.
+_ROUND_STEP = 0.003
 _MAX_HEADINGS = 3  # largest number of lines of headings
 
 
@@ -317,22 +320,31 @@ def _interval(path: Path, table: _Table, factor: float, column: int) -> float | 
     count = len(values)
     if count < 2:
         return None
-    step = (values[-1] - values[0]) / (count - 1)
-    deviations = np.abs(values - values[0] - step * np.arange(count))
+    indices, steps, step = np.arange(count), np.diff(values), (values[-1] - values[0]) / (count - 1)
+    deviations = np.abs(values - values[0] - step * indices)
     rounding = _last_digit([cells[column] for cells in table.cells], values) if table.cells else 0.0
     digit = max(rounding, _FLOAT32 * float(np.abs(values).max()))
-    allowed = max(TIME_TOLERANCE * step, min(digit, _MAX_ROUNDING * step))
-    # In a long record, the last digit of the times may exceed a step. The mean step is then still accurate.
-    if (
-        digit <= _MAX_ROUNDING_LONG * step
+    is_coarse = (
+        _MAX_ROUNDING * step < digit <= _MAX_ROUNDING_LONG * step
         and digit < TIME_TOLERANCE * (values[-1] - values[0])
-        and np.diff(values).min() >= 0
-    ):
-        allowed = max(allowed, digit)
-    if not step > 0 or deviations.max() > allowed:
-        median_step = float(np.median(np.diff(values)))
-        uneven = np.flatnonzero(~(np.abs(np.diff(values) - median_step) <= max(0.5 * median_step, 2 * digit)))
-        k = int(uneven[0]) + 1 if len(uneven) else max(1, int(deviations.argmax()))
+        and steps.min() >= 0
+    )
+    if is_coarse:  # The fitted step is accurate, and rounding changes each step by less than the last digit.
+        step = float(np.polyfit(indices, values, 1)[0])
+        multiple = digit * round(step / digit)
+        is_multiple = abs(multiple / step - 1) < _ROUND_STEP
+        step = _simplest_step(values, multiple if is_multiple else step, digit, factor)
+        deviations = np.abs(np.diff(values, prepend=values[0] - step) - step)
+        is_even = deviations.max() < (1 - 1e-6) * digit and np.ptp(values - step * indices) < 1.2 * digit
+    else:
+        is_even = step > 0 and deviations.max() <= max(
+            TIME_TOLERANCE * step, min(digit, _MAX_ROUNDING * step)
+        )
+    if not is_even:
+        median_step = float(np.median(steps))
+        uneven = np.flatnonzero(~(np.abs(steps - median_step) <= max(0.5 * median_step, 2 * digit)))
+        first = int(np.argmax(deviations > 0.999 * deviations.max()))
+        k = int(uneven[0]) + 1 if len(uneven) else max(1, first)
         location = f"{path}:{table.line_numbers[k]}" if table.line_numbers else f"{path}: row {k + 1}"
         missing = (values[k] - values[k - 1]) / median_step - 1 if median_step > 0 else 0.0
         is_gap = missing > 0.5 and abs(missing - round(missing)) < 0.1 and count > 3
@@ -344,7 +356,9 @@ def _interval(path: Path, table: _Table, factor: float, column: int) -> float | 
             + (f"{round(missing)} samples are missing (a gap)" if is_gap else "resample the record")
             + ("; or write decimal points if the commas are decimal" if has_decimal_commas else "")
         )
-    return factor * _simplest_step(values, step, digit if table.cells else 0.0, factor)
+    return factor * (
+        step if is_coarse else _simplest_step(values, step, digit if table.cells else 0.0, factor)
+    )
 
 
 def _simplest_step(values: np.ndarray, step: float, digit: float, factor: float) -> float:
