@@ -18,13 +18,12 @@ from rockjax.internal import (
     AnyMotions,
     fit_capacities,
     require_instance,
-    require_number,
     single_motions,
 )
 
 from ._fresh import FreshSamples
 from ._suite import Suite, Values
-from ._targets import AbstractScaleTarget, Name, check_limit
+from ._targets import AbstractScaleTarget, Name, require_limit
 
 
 class AnnualFrequency(AbstractScaleTarget):
@@ -72,8 +71,8 @@ class AnnualFrequency(AbstractScaleTarget):
         name: Name = None,
     ):
         owner = type(self).__name__
-        check_limit(owner, "at_most", at_most)
-        check_limit(owner, "width", width, below=0.1)
+        self.at_most = require_limit(owner, "at_most", at_most)
+        self.width = require_limit(owner, "width", width, below=0.1)
         require_instance(owner, "hazard", hazard, rj.Hazard, "a rockjax.Hazard")
         if hazard.units != hazard.in_si().units:
             raise ValueError(
@@ -81,12 +80,12 @@ class AnnualFrequency(AbstractScaleTarget):
                 "hazard.in_si()"
             )
         highest = float(hazard.intensity[-1]) if max_intensity is None else max_intensity
-        highest = require_number(owner, "max_intensity", highest, lambda v: v > 0, "finite and > 0")
-        exceedance_rate = float(hazard(jnp.asarray(float(highest))))
-        if exceedance_rate >= at_most:
+        highest = require_limit(owner, "max_intensity", highest)
+        exceedance_rate = float(hazard(jnp.asarray(highest)))
+        if exceedance_rate >= self.at_most:
             raise ValueError(
                 f"{owner}: max_intensity = {highest:g} {hazard.units} is exceeded {exceedance_rate:.3g} "
-                f"times a year; this must be below at_most = {at_most:g}; give a higher max_intensity"
+                f"times a year; this must be below at_most = {self.at_most:g}; give a higher max_intensity"
             )
         unscaled = suite.records(owner) if isinstance(suite, FreshSamples) else suite
         motions = as_motions(owner, unscaled, "suite")
@@ -101,8 +100,7 @@ class AnnualFrequency(AbstractScaleTarget):
                 f"{owner}: motion {int(np.argmin(intensities)) + 1} of the suite has {hazard.measure} = 0; "
                 "leave it out"
             )
-        self.at_most, self.hazard, self.max_scale = float(at_most), hazard, float(highest)
-        self.width, self.name = float(width), name
+        self.hazard, self.max_scale, self.name = hazard, highest, name
         # Motions are scaled to unit intensity, so that their scale factors are intensities.
         members = single_motions(owner, unscaled, "suite").members
         scaled = [motion.scaled(1 / x) for motion, x in zip(members, intensities, strict=True)]

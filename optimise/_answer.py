@@ -18,7 +18,7 @@ from rockjax.internal import Module, require_instance
 from ._descent import End, Evaluation, Iterate
 from ._objectives import AbstractObjective
 from ._results import CONVERGED, INFEASIBLE, NAMES, NOT_FINITE, RESULTS, STALLED, UNVERIFIED, result_of_code
-from ._variables import Structure, Variables, as_podium, make_variables
+from ._variables import Structure, Variables, as_podium, is_logarithmic, make_variables
 
 
 class Outcome(NamedTuple):
@@ -132,7 +132,8 @@ def _tabulate(design: Design) -> tuple[str, list[list[str]], list[list[str]]]:
     variables = [["variable", "value", "unit", "bounds"]]
     for name, value in design.variables.items():
         low, high = design.bounds[name]
-        bound_remark = " (at bound)" if min(value - low, high - value) <= 1e-6 * (high - low) else ""
+        a, x, b = np.log([low, value, high]) if is_logarithmic(low, high) else (low, value, high)
+        bound_remark = " (at bound)" if min(x - a, b - x) <= 1e-6 * (b - a) else ""
         variables.append([name, f"{value:.6g}", design.units[name], f"{low:g} … {high:g}{bound_remark}"])
     targets = [["target", "worst margin", "margins", "shadow price"]]
     for name, margins in design.margins.items():

@@ -16,7 +16,7 @@ from rockjax._parameters.registry import variable_attributes
 from rockjax._responses.datasets import describe_options
 from rockjax.internal import as_float, format_value, require_instance, require_whole
 
-from ._variables import Structure, as_podium, make_variables, parameter, with_variables
+from ._variables import Structure, as_bounds, as_podium, make_variables, parameter, with_variables
 
 if TYPE_CHECKING:
     import xarray
@@ -69,8 +69,8 @@ def design_chart(
 
     owner = "design_chart"
     try:
-        name, bounds = vary
-        low, high = (float(bound) for bound in bounds)
+        name, pair = vary
+        low, high = as_bounds(owner, name, pair)
     except (TypeError, ValueError):
         raise ValueError(
             f"{owner}: vary must be a pair (name, (lowest, highest)) "

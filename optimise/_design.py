@@ -57,13 +57,15 @@ def design(
 ) -> Design:
     """Find the structure that satisfies all targets and minimises an objective; outside jit.
 
-    - `podium`: the first starting point, a `rockjax.Podium`, or an `optimise.Dimensions` to vary masses too.
-      All parameters that are not varied keep their values
+    - `podium`: the first starting point, a `rockjax.Podium`, or an `optimise.Dimensions` to vary masses too;
+      a varied parameter outside its bounds starts at the nearer bound. All parameters that are not varied
+      keep their values
     - `vary`: name → (lowest, highest) in the unit of the parameter. The names are those of parameters of the
       structure. A `Podium` has `alpha`, `tan_alpha`, `R`, `gamma`, `lam`, `g`, `restitution`, `eta`, `T_s`,
       `zeta`, `width`, `height` (if only one of these two varies, the other keeps its value), and others. In a
       search, variables are scaled to [0, 1] between their bounds, logarithmically if the range is positive
-      and highest/lowest > 10
+      and highest/lowest > 10. Values within the bounds that together define no valid structure, such as
+      columns that overlap, are treated like a simulation that does not finish
     - `minimise`: an objective, or a function of the podium that returns a number or a vector, whose largest
       entry is minimised. None finds the design that satisfies the targets and is nearest to `podium` in
       scaled variables
@@ -123,6 +125,7 @@ def design(
     # The bar counts the first evaluation, every iteration and the verification.
     with bar_of(max_iterations + 2, "evaluations", progress) as bar:
         evaluate = Evaluator(problem, sampled_targets, options, points, tolerance, bar)
+        evaluate.check_structure(points[0])
         search: DescentSearch | FreshSearch
         if transformation is not None and has_fresh_samples:
             search = FreshSearch(transformation, evaluate, points, tolerance, max_iterations)

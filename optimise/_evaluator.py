@@ -18,16 +18,18 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 import rockjax as rj
+from rockjax._options import DEFAULT_OUTPUTS
 from rockjax._outputs.base import AbstractOutput
 from rockjax._programs.key import TracedFunction
 from rockjax._programs.program import StoredProgram
+from rockjax._responses.arguments import check_overturn_ratio
 from rockjax.internal import Module, as_float
 
 from ._answer import Effort
 from ._descent import Descent, End, Evaluation, rank
 from ._fresh import FreshSamples
 from ._objectives import AbstractObjective, PodiumFunction
-from ._sampling import SampledTargets
+from ._sampling import MarginSlope, SampledTargets
 from ._suite import Suite, is_same_suite
 from ._targets import AbstractResponses, AbstractScaleTarget, AbstractTarget
 from ._variables import Variables
@@ -246,13 +248,17 @@ class Evaluator:
             objective=None if objective is None else objective.while_searching(),
             targets=tuple(target.while_searching() for target in problem.targets),
         )
+        items = (*problem.targets, problem.objective)
+        outputs = {output for item in items for output in getattr(item, "outputs", ())}
+        self.outputs = tuple(outputs) or DEFAULT_OUTPUTS
         self.evaluations, self.margin_counts = 0, []
         self.best: list[tuple[np.ndarray, Evaluation]] = []
 
     def __call__(self, points: np.ndarray, count: int | None = None) -> list[Evaluation]:
         """Return the evaluations at points (starts, n).
 
-        `count` is the number by which `evaluations` increases; None for the number of points. If
+        Objective values are NaN where `check_structure` fails. `count` is the number by which `evaluations`
+        increases; None for the number of points. If
         `is_accurate` is True, simulations use the tolerances of verification, and the objective and targets
         without fresh samples use the `width` that the user gave.
         """
@@ -266,7 +272,10 @@ class Evaluator:
             self.draw_count += 1
         jacobians, values = _evaluate_points(problem, options_as_arrays(options), as_float(points))
         (f, margins, overturned), (f_slope, slopes) = jax.tree.map(np.asarray, (values, jacobians))
-        margins, slopes = self._insert_sampled(points, margins, slopes)
+        is_valid = np.array([self._is_valid(x) for x in points])
+        f = np.where(is_valid[:, None], f, np.nan)
+        f_slope = np.where(is_valid[:, None, None], f_slope, np.nan)
+        margins, slopes = self._insert_sampled(points, is_valid, margins, slopes)
         for k in self.sampled_targets.targets:
             overturned = np.insert(overturned, k, 0, axis=1)
         self.margin_counts = [margin.shape[1] for margin in margins]
@@ -281,6 +290,22 @@ class Evaluator:
         self.best = [min(pair, key=self._rank_pair) for pair in zip(self.best or pairs, pairs, strict=True)]
         self.bar.update(1)
         return evaluations
+
+    def check_structure(self, x: np.ndarray) -> None:
+        """Raise `ValueError` if there is no valid structure at x (n,), or if its margin is not defined.
+
+        Compiled programs cannot check parameters against each other, such as the distance of columns against
+        their width.
+        """
+        podium = self.problem.variables.podium(x)
+        check_overturn_ratio("design", podium, self.options.replace(outputs=self.outputs))
+
+    def _is_valid(self, x: np.ndarray) -> bool:
+        try:
+            self.check_structure(x)
+        except ValueError:
+            return False
+        return True
 
     def estimates(self, x: np.ndarray, k: int) -> dict[int, MarginEstimate]:
         """Return, for all targets with fresh samples, index of the target → margins at x (n,) in the k-th
@@ -307,9 +332,14 @@ class Evaluator:
         )
         return MarginEstimate(margins[0], margins.std(axis=0))
 
-    def _insert_sampled(self, points: np.ndarray, margins: list, slopes: list) -> tuple[list, list]:
-        """Insert the margins and slopes of sampled targets at the indices of these targets."""
-        rows = [self.sampled_targets.at(x) for x in points]
+    def _insert_sampled(
+        self, points: np.ndarray, is_valid: np.ndarray, margins: list, slopes: list
+    ) -> tuple[list, list]:
+        """Insert the margins and slopes of sampled targets at the indices of these targets; NaN at invalid
+        points."""
+        unknown = MarginSlope(np.nan, np.full(points.shape[1], np.nan))
+        nothing = dict.fromkeys(self.sampled_targets.targets, unknown)
+        rows = [self.sampled_targets.at(x) if ok else nothing for x, ok in zip(points, is_valid, strict=True)]
         margins, slopes = list(margins), list(slopes)
         for k in self.sampled_targets.targets:
             margins.insert(k, np.array([[row[k].margin] for row in rows]))

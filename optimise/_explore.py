@@ -35,6 +35,7 @@ from rockjax.internal import (
 
 from ._variables import (
     Structure,
+    as_bounds,
     as_podium,
     make_variables,
     numbers_as_arrays,
@@ -182,12 +183,7 @@ def explore(
         make_variables(structure, structure_bounds, "explore")  # raises for unknown names and invalid bounds
     study = _Study(structure, excitation, tuple(vary))
     for name, pair in vary.items():
-        try:
-            low, high = (float(bound) for bound in pair)
-        except (TypeError, ValueError):
-            raise ValueError(
-                f"explore: vary[{name!r}] must be a pair (lowest, highest) of numbers, got {pair!r}"
-            ) from None
+        low, high = as_bounds("explore", name, pair)
         value, _ = study.initial_value_and_unit(name)
         if not low <= value <= high or not low < high:
             raise ValueError(

@@ -25,7 +25,7 @@ from rockjax._risk.structure import parse_limit
 from rockjax.internal import concrete, require_instance, require_number, require_whole
 
 from ._suite import Values
-from ._targets import AbstractTarget, Name, check_limit
+from ._targets import AbstractTarget, Name, require_limit
 
 SAFETY_FACTOR = 1.645  # in 95 % of independent samples, the error of ln P is below this many standard errors
 MAX_SCENES = 10_000_000  # largest number of scenes of an independent sample
@@ -78,12 +78,10 @@ class FailureProbability(AbstractTarget):
         name: Name = None,
     ):
         owner = type(self).__name__
-        check_limit(owner, "at_most", at_most)
-        self.at_most = float(
-            require_number(owner, "at_most", at_most, lambda v: 1e-9 <= v <= 0.3, "in [1e-9, 0.3]")
-        )
+        at_most = require_limit(owner, "at_most", at_most)
+        self.at_most = require_number(owner, "at_most", at_most, lambda v: 1e-9 <= v <= 0.3, "in [1e-9, 0.3]")
         require_instance(owner, "motion", motion, rj.GaussianMotion, "a rockjax.GaussianMotion")
-        self.cov = float(require_number(owner, "cov", cov, lambda v: 0.02 <= v <= 0.5, "in [0.02, 0.5]"))
+        self.cov = require_number(owner, "cov", cov, lambda v: 0.02 <= v <= 0.5, "in [0.02, 0.5]")
         require_whole(owner, "rays", rays, 8)
         require_whole(owner, "seed", seed, 0)
         parse_limit(owner, limit)

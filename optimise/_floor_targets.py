@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -14,7 +14,7 @@ from rockjax.internal import format_value
 
 from ._peak_targets import limited_by_overturning
 from ._suite import Suite, Values
-from ._targets import AbstractTarget, Name, check_limit
+from ._targets import AbstractTarget, Name, require_limit
 
 
 class AbstractFloorTarget(AbstractTarget):
@@ -26,9 +26,10 @@ class AbstractFloorTarget(AbstractTarget):
     limit: eqx.AbstractVar[Any]
     suite: eqx.AbstractVar[Suite]
     systems: eqx.AbstractVar[tuple[Any, ...]]
+    outputs: ClassVar[tuple[str, ...]] = ("margin",)
 
     def margins(self, podium: rj.Podium, options: rj.Options) -> Values:
-        options = options.replace(outputs=("margin",), throw=False)
+        options = options.replace(outputs=self.outputs, throw=False)
         solve = lambda motion: rj.peak_response(podium, motion, options=options, on_floors=self.systems)
         peaks = self.suite.map_motions(solve)
         # The values of a motion are consecutive, as `limited_by_overturning` requires.
@@ -81,8 +82,8 @@ class ContentsRotation(AbstractFloorTarget):
 
     def __init__(self, limit, excitations, contents, name: Name = None):
         owner = type(self).__name__
-        check_limit(owner, "limit", limit, below=1)
-        self.limit, self.suite, self.name = float(limit), Suite.of(excitations, owner), name
+        self.limit = require_limit(owner, "limit", limit, below=1)
+        self.suite, self.name = Suite.of(excitations, owner), name
         self.systems = _as_tuple(owner, "contents", rj.Contents, contents)
 
     def limited_value(self, answer: rj.ContentsAnswer) -> Values:
@@ -110,8 +111,8 @@ class FloorSpectrum(AbstractFloorTarget):
 
     def __init__(self, limit, excitations, oscillators, name: Name = None):
         owner = type(self).__name__
-        check_limit(owner, "limit", limit)
-        self.limit, self.suite, self.name = float(limit), Suite.of(excitations, owner), name
+        self.limit = require_limit(owner, "limit", limit)
+        self.suite, self.name = Suite.of(excitations, owner), name
         self.systems = _as_tuple(owner, "oscillators", rj.Oscillator, oscillators)
 
     def limited_value(self, answer: rj.OscillatorAnswer) -> Values:

@@ -12,12 +12,12 @@ import jax.numpy as jnp
 import rockjax as rj
 from rockjax._outputs.base import AbstractOutput
 from rockjax._units import displayed_or_empty
-from rockjax.internal import Module, require_instance
+from rockjax.internal import Module, as_float, require_instance
 
 from ._annual import AnnualFrequency
 from ._peak_targets import limited_output, output_title, output_values, overturning_depths, with_margin
 from ._suite import Suite, Values
-from ._targets import AbstractResponses, check_limit, severity
+from ._targets import AbstractResponses, require_limit, severity
 
 
 class AbstractObjective(Module):
@@ -167,12 +167,10 @@ class PodiumFunction(AbstractObjective):
     function: Callable[[rj.Podium], Any] = eqx.field(static=True)
 
     def values(self, podium: rj.Podium, options: rj.Options) -> Values:
-        value = jnp.asarray(self.function(podium), float)
-        if value.ndim > 1:
-            raise ValueError(
-                "design: the function of the podium must return a number or a vector, got an array of shape "
-                f"{value.shape}"
-            )
+        label = "design: the value of the function of the podium"
+        value = as_float(self.function(podium), label)
+        if value.ndim > 1 or not value.size:
+            raise ValueError(f"{label} must be a number or a vector, got an array of shape {value.shape}")
         return jnp.atleast_1d(value)
 
     def describe(self) -> str:
@@ -199,9 +197,8 @@ class ExpectedLoss(AbstractObjective):
         owner = type(self).__name__
         if not callable(function):
             raise ValueError(f"{owner}: function must be a function of a podium, got {function!r}")
-        check_limit(owner, "loss", loss)
         require_instance(owner, "risk", risk, AnnualFrequency, "an optimise.AnnualFrequency")
-        self.cost, self.loss, self.risk = PodiumFunction(function), float(loss), risk
+        self.cost, self.loss, self.risk = PodiumFunction(function), require_limit(owner, "loss", loss), risk
 
     def values(self, podium: rj.Podium, options: rj.Options) -> Values:
         return self.cost.values(podium, options) + self.loss * self.risk.frequency(podium, options)

@@ -6,7 +6,6 @@ from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 import rockjax as rj
@@ -14,10 +13,10 @@ from rockjax._outputs.axial_force import Unloading
 from rockjax._outputs.base import AbstractOutput
 from rockjax._outputs.registry import REGISTRY, name_if_registered
 from rockjax._units import displayed_or_empty
-from rockjax.internal import concrete
+from rockjax.internal import require_number
 
 from ._suite import Suite, Values
-from ._targets import AbstractResponses, AbstractResponseTarget, Name, check_limit, severity
+from ._targets import AbstractResponses, AbstractResponseTarget, Name, require_limit, severity
 
 
 class PeakRotation(AbstractResponseTarget):
@@ -37,8 +36,9 @@ class PeakRotation(AbstractResponseTarget):
     outputs: ClassVar[tuple[str, ...]] = ("peak_rotation", "margin")
 
     def __init__(self, limit, excitations, name: Name = None):
-        check_limit("PeakRotation", "limit", limit, below=1)
-        self.limit, self.suite, self.name = float(limit), Suite.of(excitations, type(self).__name__), name
+        owner = type(self).__name__
+        self.limit = require_limit(owner, "limit", limit, below=1)
+        self.suite, self.name = Suite.of(excitations, owner), name
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Values:
         return (self.limit - severity(peaks, options)) / self.limit
@@ -69,11 +69,10 @@ class PeakLimit(AbstractResponseTarget):
 
     def __init__(self, output: str | AbstractOutput, limit, excitations, name: Name = None):
         owner = type(self).__name__
-        check_limit(owner, "limit", limit)
+        limit = require_limit(owner, "limit", limit)
         # An output that can be infinite is replaced by a smooth output, which has another limit.
-        self.output, self.limit = limited_output(owner, output).for_limit(float(limit))
-        self.name = name
-        self.suite = Suite.of(excitations, owner)
+        self.output, self.limit = limited_output(owner, output).for_limit(limit)
+        self.suite, self.name = Suite.of(excitations, owner), name
 
     @property
     def outputs(self) -> tuple[str | AbstractOutput, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -89,7 +88,7 @@ class PeakLimit(AbstractResponseTarget):
 
 def limited_output(owner: str, output: str | AbstractOutput) -> AbstractOutput:
     """Return an output that is given by name or as an instance. Raises `ValueError` if it is not a peak."""
-    instance = output if isinstance(output, AbstractOutput) else REGISTRY.get(output)
+    instance = output if isinstance(output, AbstractOutput) else REGISTRY.get(str(output))
     if instance is None or not _is_peak(instance):
         peaks = [name for name, registered in REGISTRY.items() if _is_peak(registered)]
         raise ValueError(
@@ -261,11 +260,9 @@ class LeastAxialForce(AbstractResponseTarget):
     until_overturning: ClassVar[bool] = True
 
     def __init__(self, at_least, excitations, name: Name = None):
-        fraction = concrete(at_least)
-        if fraction is None or not np.all(np.isfinite(fraction) & (fraction >= 0) & (fraction < 1)):
-            raise ValueError(f"LeastAxialForce: at_least must be in [0, 1), got at_least = {at_least!r}")
-        self.at_least, self.name = float(at_least), name
-        self.suite = Suite.of(excitations, "LeastAxialForce")
+        owner = type(self).__name__
+        self.at_least = require_number(owner, "at_least", at_least, lambda v: 0 <= v < 1, "in [0, 1)")
+        self.suite, self.name = Suite.of(excitations, owner), name
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Values:
         unloading = output_values(self, Unloading(), peaks)

@@ -21,8 +21,8 @@ class RESULTS(eqx.Enumeration):
         "The search did not converge within max_iterations; raise max_iterations or tolerance."
     )
     not_finite = (
-        "A response is not finite or a simulation did not finish, for the starting design or in the "
-        "verification; start from another design."
+        "A response is not finite, a simulation did not finish or the structure is invalid, for the starting "
+        "design or in the verification; start from another design."
     )
     interrupted = "The search was stopped; the best design so far is returned. Start from it to continue."
     averaged = "The design is the mean of the last steps; the targets hold in an independent sample."

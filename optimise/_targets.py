@@ -19,8 +19,8 @@ from jax.scipy.stats import norm
 from jaxtyping import Array, Float
 
 import rockjax as rj
-from rockjax._checks import require
-from rockjax.internal import DEFAULT_WIDTH, Module, fit_capacities
+from rockjax._checks import require_positive
+from rockjax.internal import DEFAULT_WIDTH, Module, as_float, fit_capacities, require_number
 
 from ._suite import Suite, Values
 
@@ -98,18 +98,18 @@ def severity(peaks: rj.Peak, options: rj.Options) -> Values:
     return jnp.where(peaks.overturned, options.overturn_ratio - peaks.margin, peaks.peak_rotation)
 
 
-def check_limit(owner: str, name: str, value, below: float = np.inf) -> None:
-    """Raise `ValueError` for traced values, and unless all values are finite, > 0 and < `below`.
+def require_limit(owner: str, name: str, value, below: float = np.inf) -> float:
+    """Return `value` as a float. Raises `ValueError` unless it is one number, not traced, > 0 and < `below`.
 
     - `owner`, `name`: class and argument, for the error message
-    - `value`: number or array; `below`: exclusive upper limit
+    - `value`: the number; `below`: exclusive upper limit
     """
     if isinstance(value, Tracer):
         raise ValueError(
             f"{owner}: {name} must be a number, not a traced value; create the {owner} outside jit and grad"
         )
     accepted = "> 0" if below == np.inf else f"in (0, {below:g})"
-    require(owner, name, value, lambda v: (v > 0) & (v < below), f"finite and {accepted}")
+    return require_number(owner, name, value, lambda v: 0 < v < below, f"finite and {accepted}")
 
 
 class NoOverturning(AbstractResponseTarget):
@@ -170,22 +170,24 @@ class OverturningAcceleration(AbstractTarget):
         width: float = DEFAULT_WIDTH,
         name: Name = None,
     ):
-        check_limit("OverturningAcceleration", "width", width, below=0.1)
-        check_limit("OverturningAcceleration", "at_least", at_least)
-        check_limit("OverturningAcceleration", "T_p", T_p)
+        owner = type(self).__name__
+        self.width = require_limit(owner, "width", width, below=0.1)
+        self.at_least = require_limit(owner, "at_least", at_least)
+        self.T_p = jnp.atleast_1d(as_float(T_p, f"{owner}: T_p")).ravel()
+        require_positive(owner, T_p=self.T_p)
+        if not self.T_p.size:
+            raise ValueError(f"{owner}: T_p must hold at least one period, got none")
         if not (isinstance(pulse, type) and issubclass(pulse, rj.AbstractPulse)):
             raise ValueError(
                 f"OverturningAcceleration: pulse must be a class such as rockjax.Ricker, got {pulse!r}"
             )
-        check_limit("OverturningAcceleration", "max_acceleration_ratio", max_acceleration_ratio)
-        if ratio and not at_least < max_acceleration_ratio:
+        self.max_acceleration_ratio = require_limit(owner, "max_acceleration_ratio", max_acceleration_ratio)
+        if ratio and not self.at_least < self.max_acceleration_ratio:
             raise ValueError(
                 f"OverturningAcceleration: at_least = {at_least} must be below max_acceleration_ratio = "
                 f"{max_acceleration_ratio}; raise max_acceleration_ratio"
             )
-        self.at_least, self.pulse, self.ratio, self.name = float(at_least), pulse, ratio, name
-        self.T_p = jnp.atleast_1d(jnp.asarray(T_p, float)).ravel()
-        self.max_acceleration_ratio, self.width = float(max_acceleration_ratio), float(width)
+        self.pulse, self.ratio, self.name = pulse, ratio, name
 
     def margins(self, podium: rj.Podium, options: rj.Options) -> Values:
         g_tan_alpha = podium.g * jnp.tan(podium.alpha)
@@ -269,23 +271,22 @@ class AbstractScaleTarget(AbstractTarget):
         return len(self.suite)
 
 
-def _scale_range(owner: str, at_least, max_scale, width) -> tuple[float, float]:
-    """Return `at_least` and `max_scale` as floats; a `max_scale` of None becomes 3 times `at_least`.
+def _scale_range(owner: str, at_least, max_scale, width) -> tuple[float, float, float]:
+    """Return `at_least`, `max_scale` and `width` as floats; a `max_scale` of None becomes 3 times `at_least`.
 
     - `owner`: class, for error messages
     - `at_least`, `max_scale`, `width`: as for `OverturningScale`
 
     Raises `ValueError` for values out of range.
     """
-    check_limit(owner, "width", width, below=0.1)
-    check_limit(owner, "at_least", at_least)
-    max_scale = 3.0 * at_least if max_scale is None else max_scale
-    check_limit(owner, "max_scale", max_scale)
+    width = require_limit(owner, "width", width, below=0.1)
+    at_least = require_limit(owner, "at_least", at_least)
+    max_scale = 3.0 * at_least if max_scale is None else require_limit(owner, "max_scale", max_scale)
     if not at_least < max_scale:
         raise ValueError(
             f"{owner}: max_scale = {max_scale} must exceed at_least = {at_least}; raise max_scale"
         )
-    return float(at_least), float(max_scale)
+    return at_least, max_scale, width
 
 
 class OverturningScale(AbstractScaleTarget):
@@ -314,9 +315,9 @@ class OverturningScale(AbstractScaleTarget):
     def __init__(
         self, at_least, excitations, *, max_scale=None, width: float = DEFAULT_WIDTH, name: Name = None
     ):
-        self.at_least, self.max_scale = _scale_range("OverturningScale", at_least, max_scale, width)
-        self.width = float(width)
-        self.suite, self.name = Suite.of(excitations, type(self).__name__), name
+        owner = type(self).__name__
+        self.at_least, self.max_scale, self.width = _scale_range(owner, at_least, max_scale, width)
+        self.suite, self.name = Suite.of(excitations, owner), name
 
     def margins_of_scales(self, scales: Float[Array, " k"]) -> Values:
         return jnp.where(scales < jnp.inf, scales, self.max_scale) / self.at_least - 1
@@ -348,9 +349,9 @@ class MedianCapacity(AbstractScaleTarget):
     accepts_fresh_samples: ClassVar[bool] = True
 
     def __init__(self, at_least, suite, *, max_scale=None, width: float = DEFAULT_WIDTH, name: Name = None):
-        self.at_least, self.max_scale = _scale_range("MedianCapacity", at_least, max_scale, width)
-        self.width = float(width)
-        self.suite, self.name = Suite.of(suite, type(self).__name__, "suite"), name
+        owner = type(self).__name__
+        self.at_least, self.max_scale, self.width = _scale_range(owner, at_least, max_scale, width)
+        self.suite, self.name = Suite.of(suite, owner, "suite"), name
         if len(self.suite) < 2:
             raise ValueError("MedianCapacity: suite must hold two motions or more, got one")
 
@@ -386,11 +387,11 @@ class OverturningProbability(AbstractResponseTarget):
     outputs: ClassVar[tuple[str, ...]] = ("margin",)
 
     def __init__(self, at_most, suite, intensity=1.0, smoothing=0.05, *, name: Name = None):
-        check_limit("OverturningProbability", "at_most", at_most, below=1)
-        check_limit("OverturningProbability", "intensity", intensity)
-        check_limit("OverturningProbability", "smoothing", smoothing)
-        self.at_most, self.smoothing, self.name = float(at_most), float(smoothing), name
-        self.suite = Suite.of(suite, type(self).__name__, "suite").scaled(float(intensity))
+        owner = type(self).__name__
+        self.at_most = require_limit(owner, "at_most", at_most, below=1)
+        self.smoothing = require_limit(owner, "smoothing", smoothing)
+        factor = require_limit(owner, "intensity", intensity)
+        self.suite, self.name = Suite.of(suite, owner, "suite").scaled(factor), name
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Values:
         return _smoothed_quantile(peaks.margin, self.at_most, self.smoothing)[None]

@@ -226,16 +226,9 @@ def make_variables(
         )
     bounds = []
     for name, pair in vary.items():
-        try:
-            low, high = (float(bound) for bound in pair)
-        except (TypeError, ValueError):
-            raise ValueError(
-                f"{owner}: vary[{name!r}] must be a pair (lowest, highest) of numbers, got {pair!r}"
-            ) from None
-        if not (math.isfinite(low) and math.isfinite(high) and low < high):
-            raise ValueError(
-                f"{owner}: vary[{name!r}] must be finite with lowest < highest, got ({low}, {high})"
-            )
+        low, high = as_bounds(owner, name, pair)
+        if not low < high:
+            raise ValueError(f"{owner}: vary[{name!r}] must have lowest < highest, got ({low}, {high})")
         for bound in (low, high):
             try:
                 with_variables(base, {name: bound})
@@ -245,8 +238,29 @@ def make_variables(
                 ) from None
         bounds.append((low, high))
     lower, upper = (as_float(np.array(column)) for column in zip(*bounds, strict=True))
-    logarithmic = tuple(low > 0 and high / low > LOG_RATIO for low, high in bounds)
+    logarithmic = tuple(is_logarithmic(low, high) for low, high in bounds)
     return Variables(numbers_as_arrays(base), lower, upper, names, logarithmic)
+
+
+def is_logarithmic(low: float, high: float) -> bool:
+    """Return whether a variable with these bounds is scaled by its logarithm."""
+    return low > 0 and high / low > LOG_RATIO
+
+
+def as_bounds(owner: str, name: str, pair: Any) -> tuple[float, float]:
+    """Return the bounds of a variable as floats. Raises `ValueError` unless `pair` is two finite numbers.
+
+    `owner`: name of the public function, for error messages; `name`: name of the variable
+    """
+    try:
+        low, high = map(float, as_float(pair).tolist())
+    except (TypeError, ValueError):
+        raise ValueError(
+            f"{owner}: vary[{name!r}] must be a pair (lowest, highest) of numbers, got {pair!r}"
+        ) from None
+    if not (math.isfinite(low) and math.isfinite(high)):
+        raise ValueError(f"{owner}: vary[{name!r}] must be finite, got ({low}, {high})")
+    return low, high
 
 
 def numbers_as_arrays(base: Structure) -> Structure:
@@ -267,7 +281,7 @@ def _check_name(owner: str, base: Structure, name: str) -> None:
     if isinstance(base, Dimensions):
         _check_dimension(owner, base, name)
         return
-    entry = find_parameter(name)
+    entry = find_parameter(str(name))
     if entry is None:
         hint = " (masses and dimensions vary with an optimise.Dimensions)" if name in DIMENSIONS else ""
         available = ", ".join(variants.parameters_of(base))

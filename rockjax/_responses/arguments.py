@@ -94,17 +94,11 @@ def check_range(owner: str, podium: Podium, excitation: AbstractExcitation, t_en
     - `podium`, `excitation`, `options`: structure, ground motion and options of the scenes
     - `t_end`: end of the scenes [s], or None
 
-    Raises `ValueError` for floats of another type than JAX's default; if `overturn_ratio` exceeds π/(2α); if
-    the margin is requested and `overturn_ratio` exceeds θ_s/α, where θ_s is the stability angle of the
-    columns; and if `t_end` is not finite or not after the start of the excitation.
+    Raises `ValueError` for floats of another type than JAX's default; for an `overturn_ratio` out of range,
+    as in `check_overturn_ratio`; and if `t_end` is not finite or not after the start of the excitation.
     """
     check_dtype(owner, "excitation", excitation)
-    alpha, ratio = concrete(podium.alpha), concrete(options.overturn_ratio)
-    if alpha is not None and ratio is not None:
-        limit = float(np.pi / 2 / alpha.max())
-        require(owner, "options.overturn_ratio", ratio, lambda v: v <= limit, f"<= π/(2α) = {limit:.6g}")
-    if "margin" in options.outputs and ratio is not None and np.any(ratio > 1):
-        _check_margin(owner, podium, ratio)
+    check_overturn_ratio(owner, podium, options)
     if t_end is None:
         return
     start = concrete(excitation.support[0])
@@ -116,6 +110,17 @@ def check_range(owner: str, podium: Podium, excitation: AbstractExcitation, t_en
             lambda v: v > start,
             f"finite and after the start of the excitation at {float(start):.6g} s",
         )
+
+
+def check_overturn_ratio(owner: str, podium: Podium, options: Options) -> None:
+    """Raise `ValueError`, in the name of `owner`, if `overturn_ratio` exceeds π/(2α), or if the margin is
+    requested and `overturn_ratio` exceeds θ_s/α, where θ_s is the stability angle of the columns."""
+    alpha, ratio = concrete(podium.alpha), concrete(options.overturn_ratio)
+    if alpha is not None and ratio is not None:
+        limit = float(np.pi / 2 / alpha.max())
+        require(owner, "options.overturn_ratio", ratio, lambda v: v <= limit, f"<= π/(2α) = {limit:.6g}")
+    if "margin" in options.outputs and ratio is not None and np.any(ratio > 1):
+        _check_margin(owner, podium, ratio)
 
 
 def _check_margin(owner: str, podium: Podium, ratio: np.ndarray) -> None:

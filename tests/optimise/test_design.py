@@ -30,6 +30,8 @@ DRAWING = optimise.Dimensions(
     width=0.45, height=3.0, column_mass=1.5e3, beam_mass=30e3, top_mass=300e3, period=0.5
 )
 OPTIONS = rj.Options(rtol=1e-9, atol=1e-11, throw=False)
+BEYOND = rj.Options(overturn_ratio=1.2)  # the margin is not defined beyond the stability angle
+TWO = np.array([0.3, 0.4])
 
 
 class Analytic(optimise.AbstractTarget):
@@ -145,6 +147,10 @@ def test_scaling_meets_the_bounds_and_inverts():
         (BLOCK, {"alpha": (0.2, 0.1)}, "lowest < highest"),
         (BLOCK, {"alpha": (0.1, math.inf)}, "must be finite"),
         (BLOCK, {"alpha": 0.2}, "must be a pair"),
+        (BLOCK, {"alpha": ("0.1", "0.2")}, "must be a pair"),
+        (BLOCK, {"R": "12"}, "must be a pair"),
+        (BLOCK, {"R": {1, 2}}, "must be a pair"),
+        (BLOCK, {3: (1, 2)}, "vary names 3; parameters of this podium"),
         (BLOCK, {"alpha": (0.1, 2.0)}, "exceeds the admissible range: Podium: alpha"),
         (BLOCK, {"superstructure.eta": (1.0, 2.0)}, "no superstructure"),
         (
@@ -314,11 +320,48 @@ def test_seed_decides_the_starts():
         ({"minimise": 3}, "minimise must be an objective or a function"),
         ({"minimise": None}, "nothing to do"),
         ({"minimise": lambda p: jnp.ones((2, 2))}, "a number or a vector"),
+        ({"minimise": lambda p: jnp.ones(0)}, "a number or a vector"),
+        ({"minimise": lambda p: None}, "value of the function of the podium must be a number"),
+        (
+            {"targets": optimise.NoOverturning(rj.Ricker(3.0, 1.0)), "options": BEYOND},
+            "design: options.overturn_ratio must be <= θ_s/α = 1 for the margin",
+        ),
+        ({"minimise": optimise.WorstRotation(rj.Ricker(3.0, 1.0)), "options": BEYOND}, "for the margin"),
+        (
+            {
+                "targets": optimise.ContentsRotation(0.5, rj.Ricker(3.0, 1.0), rj.Contents(alpha=0.2, R=1.0)),
+                "options": BEYOND,
+            },
+            "for the margin",
+        ),
+        ({"options": rj.Options(overturn_ratio=12.0)}, r"overturn_ratio must be <= π/\(2α\) = 10.472"),
     ],
 )
 def test_errors_of_arguments_name_the_valid_values(changes, words):
     with pytest.raises(ValueError, match=words):
         optimise.design(BLOCK, {"alpha": (0.05, 0.5)}, **({"minimise": _alpha} | changes))
+
+
+COLUMNS = optimise.Dimensions(width=0.45, height=3.0, column_mass=1.5e3, beam_mass=30e3, positions=(0.0, 5.0))
+ROUND = COLUMNS.replace(positions=None, end_radius=0.3)
+
+
+@pytest.mark.parametrize(
+    ("column", "vary", "minimise", "expected"),
+    [
+        (COLUMNS, {"position_2": (-3.0, 8.0)}, lambda podium: jnp.abs(podium.elevation.offsets), 0.225),
+        (COLUMNS, {"width": (0.2, 1.2), "position_2": (1.0, 6.0)}, lambda podium: -podium.width, -1.2),
+        (ROUND, {"end_radius": (0.2, 1.4), "height": (1.0, 5.0)}, lambda podium: -podium.R, None),
+    ],
+)
+def test_parameters_that_do_not_fit_each_other_are_avoided(column, vary, minimise, expected):
+    """Columns of the best design do not overlap, and the radius of their ends is less than half their height,
+    although the bounds allow both."""
+    design = optimise.design(column, vary, minimise, starts=3)
+    assert design.satisfied
+    assert design.structure.podium().R == design.podium.R  # a valid structure
+    if expected is not None:
+        assert np.isclose(design.objective, expected, rtol=1e-4)
 
 
 def _valley(podium):
@@ -606,6 +649,16 @@ def test_probability_counts_and_smooths():
             r"'PGA', 'PGV' or a label such as 'Sa\(0\.5 s\)'",
         ),
         (lambda: optimise.OverturningProbability(0.0, MOTIONS), "at_most must be"),
+        (lambda: optimise.PeakRotation(TWO, MOTIONS), "limit must be finite"),
+        (lambda: optimise.PeakShear(TWO, MOTIONS), "limit must be finite"),
+        (lambda: optimise.LeastAxialForce(TWO, MOTIONS), r"at_least must be in \[0, 1\)"),
+        (lambda: optimise.LeastAxialForce("0.2", MOTIONS), r"at_least must be in \[0, 1\)"),
+        (lambda: optimise.OverturningAcceleration(TWO, rj.Ricker, 1.0, ratio=True), "at_least must be"),
+        (lambda: optimise.OverturningAcceleration(3.0, rj.Ricker, []), "at least one period"),
+        (lambda: optimise.OverturningScale(TWO, MOTIONS), "at_least must be"),
+        (lambda: optimise.OverturningProbability(TWO, MOTIONS), "at_most must be"),
+        (lambda: optimise.AnnualFrequency(TWO, HAZARD, RECORDS), "at_most must be"),
+        (lambda: optimise.WorstPeak(["peak_shear"], MOTIONS), "output must be one of"),
     ],
 )
 def test_errors_of_targets_name_the_valid_values(make, words):
@@ -835,6 +888,16 @@ def test_the_command_writes_everything(folder, capsys):
     assert account["stats"]["scenes"] == 2 * account["stats"]["evaluations"]
     for name in ("out-convergence.png", "out-response.png"):
         assert (folder / name).read_bytes().startswith(b"\x89PNG")
+
+
+def test_bounds_of_logarithmic_variables_are_marked_where_they_are_met():
+    for least, remark in ((1e-3, "(at bound)"), (2e-3, "")):
+        target = Analytic(lambda podium, least=least: podium.gamma / least - 1)
+        design = optimise.design(
+            BLOCK.replace(gamma=1.0), {"gamma": (1e-3, 1e4)}, lambda podium: podium.gamma, target
+        )
+        row = next(line for line in repr(design).splitlines() if line.startswith("  gamma"))
+        assert row.endswith(f"0.001 … 10000 {remark}".rstrip())
 
 
 def test_reports_are_readable():
