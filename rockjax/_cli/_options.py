@@ -150,8 +150,10 @@ def _option_type(annotation: Any) -> tuple[Any, Callable[[str, Any], Any], dict[
         choices = [
             choice for member in members if get_origin(member[0]) is Literal for choice in get_args(member[0])
         ]
-        if len(members) > 1 and (choices or str in arguments):
-            return str, _parse_number_or_text, {"autocompletion": lambda: choices} if choices else {}
+        if len(members) > 1 and choices:
+            return str, _parse_number_or_text, {"autocompletion": lambda: choices}
+        if str in arguments:  # names such as 090 are not converted to numbers
+            return str, lambda _, value: value, {}
         return members[0]
     return annotation, lambda _, value: value, {}
 

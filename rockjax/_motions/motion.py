@@ -23,6 +23,7 @@ from rockjax._text import tables
 from rockjax._units import STANDARD_GRAVITY
 
 from .accelerogram import Accelerogram
+from .formats.peer import OWN_TITLE
 from .intensity import energy, intensity_measures, measure_motion
 from .record import Record
 from .stations import pair_motions
@@ -212,8 +213,8 @@ class Motion(Accelerogram):
         )
 
     def _at2(self) -> list[str]:
-        header_text = lambda key, default: (
-            str(self.metadata.get(key) or default).replace(",", ";").replace("\n", " ")
+        header_text = lambda key, default: " ".join(
+            str(self.metadata.get(key) or default).replace(",", ";").split()
         )
         event, date, station, component = (
             header_text(key, default)
@@ -225,15 +226,15 @@ class Motion(Accelerogram):
         )
         numbers = [f"{a:15.7E}" for a in samples / STANDARD_GRAVITY]
         return [
-            "ROCKJAX GROUND MOTION",
+            OWN_TITLE,
             f"{event}, {date}, {station}, {component}",
             "ACCELERATION TIME SERIES IN UNITS OF G",
-            f"NPTS= {len(self):6d}, DT= {self.dt:.10g} SEC",
+            f"NPTS= {len(self):6d}, DT= {self.dt!r} SEC",
             *("".join(numbers[k : k + 5]) for k in range(0, len(numbers), 5)),
         ]
 
     def _csv(self) -> list[str]:
-        rows = (f"{t:.12g},{float(a)!r}" for t, a in zip(self.time, self.acceleration, strict=True))
+        rows = (f"{t:.15g},{float(a)!r}" for t, a in zip(self.time, self.acceleration, strict=True))
         return ["time [s],acceleration [m/s2]", *rows]
 
     def _facts(self) -> dict[str, str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import math
 import warnings
@@ -17,7 +16,7 @@ from jaxtyping import Array, Float
 from rockjax._checks import as_float, as_strings, concrete, require_instance, require_number
 from rockjax._excitations.wavelets import MavroeidisPapageorgiou
 from rockjax._programs.program import StoredProgram
-from rockjax._text.reading import read_text
+from rockjax._text.reading import csv_table, read_text
 from rockjax._units import DEGREE, UNITS
 
 from .convert import AnyMotion, as_motions
@@ -51,11 +50,11 @@ def read_pulses(path: str | Path) -> PulseTable:
     and for parameters outside their ranges.
     """
     path = Path(path)
-    lines = [line for line in read_text(path).splitlines() if line.strip()]
-    rows = list(csv.DictReader(line for line in lines if not line.lstrip().startswith("#")))
+    lines = ["" if line.lstrip().startswith("#") else line for line in read_text(path).splitlines()]
+    headings, iterator = csv_table(path, "\n".join(lines))
+    rows = list(iterator)
     if not rows:
         raise ValueError(f"{path}: the file has no pulses; its columns must be {', '.join(COLUMNS)}")
-    headings = {heading.strip() for heading in rows[0] if heading}
     alternatives = {"A": ("A_cm_s", UNITS["cm/s"].factor), "nu": ("nu_deg", DEGREE)}
     values = {}
     for name in COLUMNS:
@@ -65,16 +64,18 @@ def read_pulses(path: str | Path) -> PulseTable:
             raise ValueError(
                 f"{path}: column {accepted} is missing; the columns are {', '.join(sorted(headings))}"
             )
-        values[name] = factor * np.array([_number(path, k, column, row) for k, row in enumerate(rows)])
-    names = [str(row.get("name") or k + 1).strip() for k, row in enumerate(rows)]
+        if name in alternatives and {name, alternatives[name][0]} <= set(headings):
+            raise ValueError(f"{path}: the columns {name} and {alternatives[name][0]} exclude each other")
+        values[name] = factor * np.array([_number(path, k, column, row) for k, (_, row) in enumerate(rows)])
+    names = [row.get("name", str(k)) for k, (_, row) in enumerate(rows, start=1)]
     return PulseTable(MavroeidisPapageorgiou(**values), as_strings("read_pulses", "names", names))
 
 
-def _number(path: Path, k: int, column: str, row: dict) -> float:
+def _number(path: Path, k: int, column: str, row: dict[str, str]) -> float:
     """Return the number in a column of row k."""
-    text = {str(heading).strip(): value for heading, value in row.items()}.get(column)
+    text = row.get(column, "")
     try:
-        value = float(text or "")
+        value = float(text)
     except ValueError:
         value = math.nan
     if not math.isfinite(value):

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from pathlib import Path
 
 import numpy as np
 
 from rockjax._checks import require_instance, require_number
-from rockjax._text.reading import decode, read_text
+from rockjax._text.reading import csv_rows, csv_table, read_text
 
 from .accelerogram import warn_if_implausible
 from .files import check_arguments, read
@@ -64,7 +62,7 @@ def read_suite(
     - `path`: a folder, or a table. All files of a folder, except hidden ones, are read in the order of their
       names; if the folder contains a `suite.csv`, this table is read instead. A table is a `.csv` with a row
       of headings: `file` (relative to the table) and, optionally, `name`, `scale`, `units`, `dt` and
-      `component`. Empty cells count as missing, and other columns become metadata
+      `component`. Empty cells count as missing. Other columns become metadata and replace those of the file
     - `units`, `dt`, `component`: as in [`rockjax.read_motion`][], for all files; cells of the table have
       priority
     - `scale`: factor on all motions [–], multiplied by the column `scale` of the table
@@ -106,54 +104,35 @@ def read_suite(
 
 def is_table(path: Path) -> bool:
     """Return whether a file is a table of files, not a motion: a `.csv` with the heading `file` in the first
-    line."""
+    row."""
     try:
-        if path.suffix.lower() != ".csv":
-            return False
-        with path.open("rb") as stream:
-            first_line = decode(path, stream.read(4096)).partition("\n")[0]
-    except (OSError, ValueError):
+        _, names = (
+            next(csv_rows(path, read_text(path)), (1, [])) if path.suffix.lower() == ".csv" else (1, [])
+        )
+    except ValueError:
         return False  # read_suite or read_motion will report the cause
-    return "file" in first_line.strip().split(",")
+    return "file" in names
 
 
 def _read_table(path: Path) -> list[tuple[str, dict[str, str]]]:
     """Return each row of a table of files: the location (path and line), for messages, and the non-empty
     cells by heading."""
-    reader = csv.reader(io.StringIO(read_text(path), newline=""))
-    try:
-        rows = [
-            (reader.line_num, [cell.strip() for cell in row])
-            for row in reader
-            if any(cell.strip() for cell in row)
-        ]
-    except csv.Error as error:
-        raise ValueError(f"{path}: the file is not a table of files: {error}") from None
-    if not rows or "file" not in rows[0][1]:
+    names, iterator = csv_table(path, read_text(path))
+    if "file" not in names:
         raise ValueError(
             f"{path}:1: the table needs a row of headings with the column 'file'; known columns are "
             f"{', '.join(_COLUMNS)}"
         )
-    _, names = rows[0]
-    if len(set(names)) != len(names):
-        raise ValueError(f"{path}:{rows[0][0]}: two columns have the same name; rename or remove one")
-    if len(rows) == 1:
+    rows = list(iterator)
+    if not rows:
         raise ValueError(f"{path}: the table lists no file; add a line for each file below the headings")
-    located_rows = []
-    for line, cells in rows[1:]:
-        if len(cells) > len(names):
-            raise ValueError(
-                f"{path}:{line}: the line has {len(cells)} cells, but there are {len(names)} headings; "
-                "quote cells that contain commas"
-            )
-        row = {name: cell for name, cell in zip(names, cells, strict=False) if cell}
+    for location, row in rows:
         if "file" not in row:
-            raise ValueError(f"{path}:{line}: the cell of the column 'file' is empty")
+            raise ValueError(f"{location}: the cell of the column 'file' is empty")
         for name in ("scale", "dt"):
-            _parse_cell(f"{path}:{line}", row, name)
+            _parse_cell(location, row, name)
         row["file"] = str(path.parent / row["file"])
-        located_rows.append((f"{path}:{line}", row))
-    return located_rows
+    return rows
 
 
 def _parse_cell(location: str, row: dict[str, str], name: str) -> float | None:
@@ -186,16 +165,13 @@ def _read_all(
     """
     motions, problems = [], []
     for location, row in rows:
-        row_component = row.get("component", component)
         row_dt, row_scale = _parse_cell(location, row, "dt"), _parse_cell(location, row, "scale")
         try:
             motion = read(
                 row["file"],
                 row.get("units", units),
                 dt if row_dt is None else row_dt,
-                int(row_component)
-                if isinstance(row_component, str) and row_component.isdecimal() and "component" in row
-                else row_component,
+                row.get("component", component),
             )
         except ValueError as error:
             problems.append(str(error))
@@ -209,7 +185,7 @@ def _read_all(
             motion.dt,
             row.get("name", motion.name),
             motion.source,
-            extra_columns | dict(motion.metadata),
+            dict(motion.metadata) | extra_columns,
         )
         factor = scale * (1.0 if row_scale is None else row_scale)
         motions.append(motion.scaled(factor) if factor != 1 else motion)

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import codecs
+import csv
+import io
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 # UTF-32 precedes UTF-16, because the little-endian byte order mark of UTF-32 begins with that of UTF-16.
@@ -59,3 +62,41 @@ def decode(path: str | Path, content: bytes, *, utf8_only: bool = False) -> str:
             f"{control.start()}{cure}"
         )
     return text
+
+
+def csv_rows(path: str | Path, text: str) -> Iterator[tuple[int, list[str]]]:
+    """Yield the line number and the cells of each row that is not empty, without blanks around cells and
+    without empty cells at the end. Raises `ValueError`, which names the file, for text that is not CSV."""
+    reader = csv.reader(io.StringIO(text, newline=""))
+    try:
+        for row in reader:
+            cells = [cell.strip() for cell in row]
+            while cells and not cells[-1]:
+                cells.pop()
+            if cells:
+                yield reader.line_num, cells
+    except csv.Error as error:
+        raise ValueError(f"{path}: the file is not a CSV table: {error}") from None
+
+
+def csv_table(path: str | Path, text: str) -> tuple[list[str], Iterator[tuple[str, dict[str, str]]]]:
+    """Return the headings in the first row of a CSV table and an iterator over the other rows. Of each row it
+    yields the location (path and line) and the cells that are not empty, by heading. Raises `ValueError` for
+    equal headings and, in the iterator, for more cells than headings."""
+    rows = csv_rows(path, text)
+    first_line, names = next(rows, (1, []))
+    if len(set(names)) != len(names):
+        raise ValueError(f"{path}:{first_line}: two columns have the same name; rename or remove one")
+    return names, _by_heading(path, names, rows)
+
+
+def _by_heading(
+    path: str | Path, names: list[str], rows: Iterator[tuple[int, list[str]]]
+) -> Iterator[tuple[str, dict[str, str]]]:
+    for line, cells in rows:
+        if len(cells) > len(names):
+            raise ValueError(
+                f"{path}:{line}: the line has {len(cells)} cells, but there are {len(names)} headings; "
+                "quote cells that contain commas"
+            )
+        yield f"{path}:{line}", {name: cell for name, cell in zip(names, cells, strict=False) if cell}

@@ -1,6 +1,7 @@
 """Ground motions: integrals, resampling, baselines, suites, intensity measures, synthetic
 motions, commands."""
 
+import dataclasses
 import json
 import math
 import re
@@ -19,7 +20,9 @@ from typer.testing import CliRunner
 import optimise
 import rockjax as rj
 from rockjax._cli import app
+from rockjax._motions.files import read
 from rockjax._motions.intensity import spectral_acceleration
+from rockjax._motions.readers import is_table
 from rockjax._motions.synthetic import Soil, _noise, envelope, spectral_density
 
 G = 9.80665
@@ -333,6 +336,28 @@ def test_saving_and_reading(tmp_path, suite, suffix, rtol):
     assert {"event": "A; B", "date": "1/2/1999", "station": "S", "component": "90"}.items() <= notes.items()
 
 
+@pytest.mark.parametrize(
+    "notes",
+    [
+        {"event": "M 5.9", "date": "1996/08/11 03:12:00", "station": "AKT013", "component": "E-W"},
+        {"event": "E", "date": "20190728", "station": "KO.ARC", "component": "HNE"},
+        {"event": "Velocity time history in units of cm, raw", "date": "", "station": "S", "component": "1"},
+        {"event": "two\r\u2028lines", "date": "2018 February 12", "station": "", "component": "HNZ"},
+        {"event": "1999/8/17 Kocaeli", "date": "", "station": "A\x85B", "component": ""},
+    ],
+)
+@pytest.mark.parametrize("dt", [0.01, 1 / 3, 1 / 199.99, 0.01 + 1e-13])
+def test_header_and_interval_of_saved_files_are_read_back(tmp_path, suite, notes, dt):
+    motion = rj.Motion(0.1 * suite[0].acceleration, dt, metadata=notes)
+    found = read(motion.save(tmp_path / "a.AT2"), None, None)
+    assert found.dt == dt
+    assert {key: " ".join(value.replace(",", ";").split()) for key, value in notes.items()}.items() <= (
+        found.metadata.items()
+    )
+    assert "processing" not in found.metadata
+    assert read(motion.save(tmp_path / "a.csv"), None, None).dt == pytest.approx(dt, rel=1e-15)
+
+
 def test_a_motion_that_cannot_be_written_leaves_nothing(tmp_path, suite):
     (tmp_path / "file").write_text("")
     with pytest.raises(OSError, match=r"file/a\.AT2 could not be written"):
@@ -390,6 +415,34 @@ def test_a_table_is_a_suite(folder, suite):
     assert rj.read_suite(folder, pattern="*.AT2").names == ["b"]
 
 
+@pytest.mark.parametrize("component", ["090", "90"])
+@pytest.mark.parametrize("heading", ['"file","name","component"', "\nname, component, file,,"])
+def test_tables_are_recognised_and_select_components_by_number(tmp_path, suite, component, heading):
+    """Names of components may be numbers; spreadsheets quote headings, drop zeros and add commas."""
+    one = dataclasses.replace(suite[0], metadata={"station": "S", "component": "090"})
+    one.save(tmp_path / "a.AT2")
+    cells = {"file": "a.AT2", "name": "first", "component": component}
+    row = ",".join(cells.get(name.strip('" '), "") for name in heading.strip().split(","))
+    table = tmp_path / "list.csv"
+    table.write_text(f"{heading}\n{row}\n,,,\n")
+    assert is_table(table)
+    assert rj.read_suite(table).names == ["first"]
+    result = RUN.invoke(app, ["motions", str(table), "--json"])
+    assert result.exit_code == 0, result.output
+    result = RUN.invoke(app, ["motions", str(tmp_path / "a.AT2"), "--component", component])
+    assert result.exit_code == 0, result.output
+    with pytest.raises(ValueError, match="has one motion, not component 'Up'; it is '090'"):
+        rj.read_suite(tmp_path, pattern="*.AT2", component="Up")
+
+
+def test_columns_of_a_table_have_priority_over_the_header(tmp_path, suite):
+    suite[0].save(tmp_path / "a.AT2")  # without a station
+    (tmp_path / "suite.csv").write_text("file,station,event,site\na.AT2,ARC,Kocaeli,rock\n")
+    notes = rj.read_suite(tmp_path)[0].metadata
+    assert (notes["station"], notes["event"], notes["site"]) == ("ARC", "Kocaeli", "rock")
+    assert notes["units"] == "g"
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -405,6 +458,7 @@ def test_a_table_is_a_suite(folder, suite):
             ["2 of 2 files", "the unit as g", "c.AT2: the file cannot be"],
         ),
         ("", [":1:", "column 'file'"]),
+        ("file;scale\nb.AT2;1,5\n", [":1:", "column 'file'"]),
     ],
 )
 def test_tables_that_cannot_be_read_say_why(folder, text, words):

@@ -76,6 +76,8 @@ def test_a_table_of_pulses(tmp_path):
     assert names == ("Imperial Valley", "Kobe")
     assert np.allclose(pulses.A, [0.875, 0.7])
     assert np.allclose(pulses.nu, [math.pi / 2, -math.pi / 4])
+    path.write_text("A, f_p, gamma, nu, name,\n1,0.3,1.8,0,  Kobe\n,,,,\n1,1.1,2.2,0\n")
+    assert rj.read_pulses(path).names == ("Kobe", "2")
     # The pulses form an ordinary batch.
     peaks = rj.peak_responses(rj.Podium(alpha=0.2, R=1.0), pulses)
     assert peaks.peak_rotation.shape == (2,)
@@ -88,6 +90,9 @@ def test_a_table_of_pulses(tmp_path):
         ("A,f_p,gamma\n1,1,2\n", "column nu or nu_deg is missing"),
         ("A,f_p,gamma,nu\n1,fast,2,0\n", "pulse 1: f_p must be a finite number, got 'fast'"),
         ("A,f_p,gamma,nu\n1,1,0.5,0\n", "gamma must be finite and > 1"),
+        ("A,f_p,gamma,nu\n1,1,2,0,5\n", ":2: the line has 5 cells, but there are 4 headings"),
+        ("A,A,f_p,gamma,nu\n1,2,1,2,0\n", ":1: two columns have the same name"),
+        ("A,A_cm_s,f_p,gamma,nu\n1,200,1,2,0\n", "columns A and A_cm_s exclude each other"),
     ],
 )
 def test_errors_of_tables_name_the_fault(tmp_path, text, words):

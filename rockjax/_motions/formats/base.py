@@ -83,8 +83,9 @@ def is_raw(text: str) -> bool:
 
 
 def normalise_name(name: int | str) -> str:
-    """Return the letters and digits of a name, in lower case."""
-    return re.sub(r"[^a-z0-9]", "", str(name).casefold())
+    """Return the letters and digits of a name, in lower case, without zeros before a number: spreadsheets
+    write 90 for 090."""
+    return re.sub(r"[^a-z0-9]|^0+(?=\d)", "", str(name).casefold())
 
 
 def choose_channel(path: Path, channels: Sequence[tuple[int, str]], component: Component) -> int:
@@ -93,15 +94,15 @@ def choose_channel(path: Path, channels: Sequence[tuple[int, str]], component: C
     - `path`: path of the file, for messages
     - `channels`: (number, name) of each channel of the file
     - `component`: number of a channel, its name, the first word of its name, or, for a vertical channel,
-      another name of the same direction; None selects the only channel of a file
+      another name of the same direction; None selects the only channel of a file. Text such as "1" is a
+      number if no name matches
 
     Raises `ValueError` unless exactly one channel matches.
     """
     if component is None and len(channels) == 1:
         return 0
-    if isinstance(component, int):
-        matches = [k for k, (number, _) in enumerate(channels) if number == component]
-    elif component is not None:
+    matches = []
+    if isinstance(component, str):
         matches = [
             k for k, (_, name) in enumerate(channels) if normalise_name(component) == normalise_name(name)
         ]
@@ -111,8 +112,8 @@ def choose_channel(path: Path, channels: Sequence[tuple[int, str]], component: C
             if name and normalise_name(component) == normalise_name(name.split()[0])
         ]
         matches = matches or [k for k, (_, name) in enumerate(channels) if _names_component(component, name)]
-    else:
-        matches = []
+    if not matches and str(component).isdecimal():
+        matches = [k for k, (number, _) in enumerate(channels) if number == int(component or 0)]
     if len(matches) != 1:
         channel_list = ", ".join(f"{number} ({name})" for number, name in channels)
         requested = "" if component is None else f", {len(matches) or 'none'} of them {component!r}"

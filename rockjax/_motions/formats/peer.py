@@ -28,6 +28,7 @@ _OTHER_QUANTITY = re.compile(
 )
 _SUFFIXES = {".vt2": "velocity", ".dt2": "displacement"}
 _SEARCHED_LINES = 8  # number of lines that are searched for NPTS and DT
+OWN_TITLE = "ROCKJAX GROUND MOTION"  # first line of the files that rockjax writes
 _AT2_UNITS = re.compile(r"UNITS\s+OF\s+(\S+)", re.I)
 
 
@@ -58,7 +59,10 @@ def _read_at2(path: Path, lines: list[str]) -> Samples:
             "has none"
         )
     k, (count, step) = matches[0]
-    for i, line in enumerate(lines[:k], start=1):
+    # The second line of a file of rockjax has names that the user has chosen.
+    is_own = lines[0] == OWN_TITLE
+    statements = [(i, line) for i, line in enumerate(lines[:k], start=1) if not (is_own and i == 2)]
+    for i, line in statements:
         if other := _OTHER_QUANTITY.match(line):
             content = other[1].lower()
             raise ValueError(
@@ -67,10 +71,13 @@ def _read_at2(path: Path, lines: list[str]) -> Samples:
     if content := _SUFFIXES.get(path.suffix.lower()):
         raise ValueError(f"{path}: the suffix means {content}, not acceleration")
     dt = parse_interval(path, k + 1, step, "DT")
-    stated_unit = next((match[1].strip(".,") for match in map(_AT2_UNITS.search, lines[:k]) if match), None)
+    units = (_AT2_UNITS.search(line) for _, line in statements)
+    stated_unit = next((match[1].strip(".,") for match in units if match), None)
     metadata: dict[str, Any] = {"format": "PEER"}
     title = [field.strip() for field in lines[1].split(",")] if k > 1 else []
-    if len(title) >= 3:  # event and date, station, component
+    if is_own and len(title) == 4:
+        metadata |= dict(zip(("event", "date", "station", "component"), title, strict=True))
+    elif len(title) >= 3:  # event and date, station, component
         event = ", ".join(field for field in title[:-2] if field)
         date = DATE.search(event)
         metadata |= {
@@ -80,7 +87,7 @@ def _read_at2(path: Path, lines: list[str]) -> Samples:
             "component": title[-1],
         }
     values = require_count(path, k + 1, "NPTS", int(count), read_numbers(path, lines, k + 1))
-    raw_location = next((f"line {i}" for i, line in enumerate(lines[:k], start=1) if is_raw(line)), "")
+    raw_location = next((f"line {i}" for i, line in statements if is_raw(line)), "")
     dt_statement = f"{path}:{k + 1}: DT is {dt:g} s"
     unit = unit_key(stated_unit)
     return Samples(values, dt, unit, metadata, stated_unit, dt_statement, raw_location=raw_location)

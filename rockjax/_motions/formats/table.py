@@ -225,7 +225,7 @@ def _choose_samples(path: Path, table: _Table, component: Component) -> Samples:
     chosen, metadata = candidates[n], {"format": "table"}
     if len(candidates) > 1 or (headings and component is not None):
         metadata["component"] = names[n]
-    if len(candidates) == 1 and not (headings and component == 1):
+    if len(candidates) == 1 and not (headings and component in (1, "1")):
         require_only_component(path, component, Samples(rows, None, None, metadata))
     heading = headings[chosen] if headings else None
     stated_unit = heading.unit if heading else None
