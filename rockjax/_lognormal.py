@@ -57,20 +57,28 @@ def fit_capacities(
     is_observed = jnp.isfinite(capacity)
     weight = jnp.ones_like(capacity) if weights is None else weights
     log = jnp.log(jnp.where(is_observed, capacity, limit))
-    observed_weight = jnp.where(is_observed, weight, 0.0)
-    total = jnp.sum(observed_weight)
-    mean = jnp.sum(observed_weight * log) / total
-    spread = jnp.sqrt(jnp.sum(observed_weight * (log - mean) ** 2) / total)
+    _, spread = _moments(log, jnp.where(is_observed, weight, 0.0))
     has_fit = spread > MIN_DISPERSION
+    # The fit is made in units of the standard deviation, with each censored capacity at its bound, so that
+    # neither its start nor its accuracy depends on the scale of the data.
+    centre, scale = jax.lax.stop_gradient(_moments(log, weight))
+    scale = jnp.where(has_fit, scale, 1.0)
 
-    def loss(y, data):  # y = (ln median, ln dispersion)
+    def loss(y, data):  # y = (mean, ln of the standard deviation) in these units
         log, weight = data
-        z = (log - y[0]) / jnp.exp(y[1])
+        z = ((log - centre) / scale - y[0]) / jnp.exp(y[1])
         likelihood = jnp.where(is_observed, norm.logpdf(z) - y[1], norm.logsf(z))
         return -jnp.sum(weight * likelihood) / jnp.sum(weight)
 
-    y, converged = _minimise(loss, jnp.stack([mean, jnp.log(spread)]), (log, weight), has_fit)
-    return _lognormal_where(converged, jnp.exp(y[0]), jnp.exp(y[1]))
+    y, converged = _minimise(loss, jnp.zeros(2), (log, weight), has_fit)
+    return _lognormal_where(converged, jnp.exp(centre + scale * y[0]), scale * jnp.exp(y[1]))
+
+
+def _moments(x: Float[Array, " n"], weight: Float[Array, " n"]) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """Return the weighted mean and standard deviation."""
+    total = jnp.sum(weight)
+    mean = jnp.sum(weight * x) / total
+    return mean, jnp.sqrt(jnp.sum(weight * (x - mean) ** 2) / total)
 
 
 def fit_counts(x: Float[Array, " m"], events: Float[Array, " m"], trials: Float[Array, " m"]) -> Lognormal:

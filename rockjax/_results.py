@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
@@ -12,6 +12,9 @@ from jaxtyping import Array, Float, Int
 from rockjax._tree import Module
 
 from ._checks import as_number
+
+if TYPE_CHECKING:
+    import xarray
 
 
 class RESULTS(eqx.Enumeration):
@@ -85,6 +88,13 @@ def code_of(result: RESULTS) -> Int[Array | np.ndarray, "*batch"]:
 def did_not_finish(code: Any) -> Any:
     """Return True for the code of a scene that did not finish; elementwise for arrays of codes."""
     return code > OVERTURNED
+
+
+def outcomes(data: xarray.Dataset) -> xarray.DataArray:
+    """Return the outcomes of the scenes of a dataset: 1 if the podium overturns, 0 if it does not, and NaN if
+    the scene did not finish, because its outcome is unknown."""
+    overturned = data["overturned"].astype(float)
+    return overturned.where(~did_not_finish(data["result"])) if "result" in data else overturned
 
 
 def explain(code: int) -> str:

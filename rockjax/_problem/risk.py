@@ -25,9 +25,12 @@ def fragility_of(settings: models.Risk, find: Callable[[str], Path]) -> Any:
 
     Raises `ValueError` if the file cannot be read or contains no fragility curve, if both a file and values
     are given, or if only one of `median` and `dispersion` is given. For a model (.xml), `ValueError` is also
-    raised if `structure` is unknown, or missing although the model has several structures.
+    raised if `structure` is unknown, or missing although the model has several structures; for other curves,
+    if `structure` is given.
     """
     parameters = [value for value in (settings.median, settings.dispersion) if value is not None]
+    if settings.structure is not None and not (settings.fragility or "").lower().endswith(".xml"):
+        raise ValueError("`structure` applies only to a fragility model of OpenQuake (.xml); leave it out")
     if settings.fragility is None:
         if len(parameters) == 1:
             raise ValueError("a fragility curve needs both median and dispersion")

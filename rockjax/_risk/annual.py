@@ -16,9 +16,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from rockjax._checks import as_float, concrete, require
+from rockjax._checks import as_float, concrete, require, require_positive
 from rockjax._lognormal import Lognormal
 from rockjax._programs.program import StoredProgram
+from rockjax._results import outcomes
+from rockjax._studies.curve import checked_intensities
 
 from . import integral
 from .hazard import Hazard
@@ -79,16 +81,17 @@ def annual_frequency(curve: Lognormal | xarray.Dataset, hazard: Hazard) -> Annua
       [`rockjax.read_fragility_model`][], [`rockjax.contents_fragility`][] or
       [`rockjax.incremental_dynamic_analysis`][]. Limits of a fragility model are applied. A fragility of
       contents must be reduced to one curve: `data.sel(contents=…, damage_state=…)`. For an incremental
-      dynamic analysis, F is the share of overturned records, interpolated linearly between the levels, even
-      where this share decreases with the level
+      dynamic analysis, F is the share of overturned records among those whose scenes finished, interpolated
+      linearly between the levels, even where this share decreases with the level
     - `hazard`: a [`rockjax.Hazard`][] of the same intensity measure, in the same units
 
     The integral is evaluated in closed form on every segment of the hazard curve. For a `Lognormal` the
     function works under `jit` and `grad`, with respect to median, dispersion and the points of the hazard.
 
     Raises `ValueError` for another type of `curve` or `hazard`, if a dataset has another measure or other
-    units than the hazard, and if median or dispersion is not finite and > 0. An incremental dynamic analysis
-    must have at least two levels, and no record may overturn at the lowest level.
+    units than the hazard, and if median or dispersion is not a scalar, finite and > 0. An incremental dynamic
+    analysis must have at least two levels, with finished scenes at every level, and no record may overturn at
+    the lowest level.
     """
     owner = "annual_frequency"
     if not isinstance(hazard, Hazard):
@@ -193,10 +196,15 @@ _frequency_and_slopes = StoredProgram(_integrate_with_slopes)
 def _frequency_of_lognormal(
     owner: str, curve: Lognormal, hazard: Hazard, limits: integral.Limits = integral.Limits()
 ) -> AnnualFrequency:
-    """Return the frequency with its sensitivities. Raises `ValueError` unless the parameters are > 0."""
-    require(owner, "median", curve.median, lambda v: v > 0, "finite and > 0")
-    require(owner, "dispersion", curve.dispersion, lambda v: v > 0, "finite and > 0")
+    """Return the frequency with its sensitivities. Raises `ValueError` unless the parameters are scalars
+    > 0."""
+    require_positive(owner, median=curve.median, dispersion=curve.dispersion)
     curve = Lognormal(*map(as_float, curve))
+    if curve.median.ndim or curve.dispersion.ndim:
+        raise ValueError(
+            f"{owner}: median and dispersion must be scalars, got shapes {curve.median.shape} and "
+            f"{curve.dispersion.shape}; use jax.vmap for several curves"
+        )
     return AnnualFrequency(*_frequency_and_slopes(curve, hazard, limits))
 
 
@@ -213,9 +221,15 @@ def _structure_sensitivities(curve: xarray.Dataset, slopes: Mapping[str, Any]) -
 
 def _frequency_of_analysis(owner: str, analysis: xarray.Dataset, hazard: Hazard) -> AnnualFrequency:
     """Return the frequency from the shares of overturned records at the levels of an analysis."""
-    levels, overturned_share = analysis["intensity"].values, analysis["overturned"].values.mean(axis=0)
+    levels, overturned_share = analysis["intensity"].values, outcomes(analysis).mean("record").values
     if levels.size < 2:
         raise ValueError(f"{owner}: curve must have at least two levels of intensity, got {levels.size}")
+    if np.isnan(overturned_share).any():
+        level = levels[np.isnan(overturned_share)][0]
+        raise ValueError(
+            f"{owner}: no scene finished at the level {level:g}; raise max_steps of the analysis, or use "
+            "other levels"
+        )
     if overturned_share[0] > 0:
         raise ValueError(
             f"{owner}: {overturned_share[0]:.0%} of the records overturn at the lowest level, {levels[0]:g}, "
@@ -238,8 +252,8 @@ def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -
     - `curve`: a [`rockjax.Lognormal`][], or a dataset of [`rockjax.fragility`][] or
       [`rockjax.read_fragility_model`][]
     - `hazard`: a [`rockjax.Hazard`][] of the same intensity measure, in the same units
-    - `at`: intensities, > 0, shape (n,); None for 400 values from min(m, x₁)/1000 to 10 max(m, x_n), with the
-      median m and the first and last intensities x₁ and x_n of the hazard curve
+    - `at`: intensities, > 0, shape (n,), n ≥ 1; None for 400 values from min(m, x₁)/1000 to 10 max(m, x_n),
+      with the median m and the first and last intensities x₁ and x_n of the hazard curve
 
     Returns a dataset over `intensity` with the rate `hazard` [1/year], the probability `fragility` [–] and
     the contribution `density` [–], which jumps at points of the hazard curve. `given` holds the rates at the
@@ -261,10 +275,8 @@ def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -
         curve = Lognormal(*(jnp.asarray(float(curve[y])) for y in ("median_capacity", "dispersion")))
     if at is None:
         low = 1e-3 * min(float(curve.median), float(hazard.intensity[0]))
-        x = np.geomspace(low, 10 * max(float(curve.median), float(hazard.intensity[-1])), 400)
-    else:
-        x = np.asarray(at, float)
-        require("disaggregation", "at", x, lambda v: v > 0, "finite and > 0")
+        at = np.geomspace(low, 10 * max(float(curve.median), float(hazard.intensity[-1])), 400)
+    x = checked_intensities("disaggregation", at, np.asarray(hazard.intensity))
     log_x, log_rate = hazard.logarithms
     segment = np.clip(np.searchsorted(np.asarray(log_x), np.log(x)) - 1, 0, log_x.size - 2)
     rate = np.asarray(hazard(jnp.asarray(x)))

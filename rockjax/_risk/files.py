@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from rockjax._checks import as_strings, require_positive
 from rockjax._files import write_atomically
 from rockjax._motions.headings import Heading, parse_heading
 from rockjax._text.reading import read_text
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 NRML = "http://openquake.org/xmlns/nrml/0.5"
 MIN_IML = "1e-10"  # minIML written for a curve that has none [unit of the file]
 # A curve with median m and dispersion β, but without an upper limit, gets maxIML = m e^(7β), where
-# 1 − P = 1e-12.
+# 1 − P = 1e-12, or a multiple of its lower limits if these are above m.
 MAX_DEVIATIONS = 7.0
 
 
@@ -287,6 +288,15 @@ def _imt(measure: str) -> tuple[str, float]:
     return f"SA({float(period[1]):g})", STANDARD_GRAVITY
 
 
+def si_factor(owner: str, measure: str, units: str) -> float:
+    """Return the factor from the units of an intensity measure to SI. Raises `ValueError`, with `owner` in
+    the message, for other units."""
+    factor, si_unit = in_si(units) or (1.0, None)
+    if si_unit != unit_of_measure(measure):
+        raise ValueError(f"{owner}: {units!r} is not a unit of the intensity measure {measure}")
+    return factor
+
+
 def write_fragility_model(
     path: str | Path,
     fragilities: xarray.Dataset | Sequence[xarray.Dataset],
@@ -296,21 +306,25 @@ def write_fragility_model(
 
     - `path`: file to write
     - `fragilities`: one or more datasets of [`rockjax.fragility`][] or [`rockjax.read_fragility_model`][]
-    - `names`: names of the structures, one for each dataset; None for `structure-1` …
+    - `names`: names of the structures, one for each dataset and all different; None for `structure-1` …
 
     NRML contains the mean and the standard deviation of the intensity itself, in g (PGA, Sa) or cm/s (PGV).
     For the median m and the dispersion β, `mean` = m e^(β²/2) and `stddev` = mean √(e^(β²) − 1). Limits of a
     curve that was read from a file are written unchanged. OpenQuake requires minIML and maxIML: a curve
-    without minIML gets 1e-10, and a curve without maxIML gets m e^(7β), where 1 − P is 1e-12.
+    without minIML gets 1e-10, and a curve without maxIML gets m e^(7β), where 1 − P is 1e-12. If a lower
+    limit is above m, it replaces m here.
 
     Returns the path. Raises `ValueError` for other datasets, for measures other than PGA, PGV and Sa(T s),
-    and unless there is one name for each dataset.
+    and unless there is one name for each dataset and all names are different strings.
     """
+    owner = "write_fragility_model"
     curves = list(fragilities) if isinstance(fragilities, Sequence) else [fragilities]
-    names = [f"structure-{k}" for k in range(1, len(curves) + 1)] if names is None else list(names)
-    if not curves or len(names) != len(curves):
+    labels = [f"structure-{k}" for k in range(1, len(curves) + 1)]
+    labels = labels if names is None else list(as_strings(owner, "names", names))
+    are_strings = all(isinstance(label, str) for label in labels)
+    if not curves or not are_strings or len(labels) != len(curves) or len({*labels}) != len(labels):
         raise ValueError(
-            f"write_fragility_model: names must have one name for each of {len(curves)} curves, got {names!r}"
+            f"{owner}: names must be different strings, one for each of {len(curves)} curves, got {names!r}"
         )
     ET.register_namespace("", NRML)
     root = ET.Element(f"{{{NRML}}}nrml")
@@ -321,14 +335,17 @@ def write_fragility_model(
     )
     ET.SubElement(model, f"{{{NRML}}}description").text = "Overturning of rocking structures"
     ET.SubElement(model, f"{{{NRML}}}limitStates").text = "overturning"
-    for name, curve in zip(names, curves, strict=True):
-        if curve.attrs.get("kind") != "fragility":
+    for name, curve in zip(labels, curves, strict=True):
+        if getattr(curve, "attrs", {}).get("kind") != "fragility":
             raise ValueError(
-                f"write_fragility_model: the curve of {name} must be a dataset of rockjax.fragility or "
-                "rockjax.read_fragility_model"
+                f"{owner}: the curve of {name} must be a dataset of rockjax.fragility or "
+                f"rockjax.read_fragility_model, got {type(curve).__name__}"
             )
-        imt, factor = _imt(curve.attrs["measure"])
+        measure, units = curve.attrs["measure"], curve["median_capacity"].attrs["units"]
+        imt, factor = _imt(measure)
+        factor /= si_factor(owner, measure, units)
         median, dispersion = float(curve["median_capacity"]) / factor, float(curve["dispersion"])
+        require_positive(f"{owner}: {name}", median=median, dispersion=dispersion)
         mean = median * math.exp(0.5 * dispersion**2)
         function = ET.SubElement(
             model, f"{{{NRML}}}fragilityFunction", {"id": name, "format": "continuous", "shape": "logncdf"}
@@ -375,6 +392,8 @@ def read_fragility_model(path: str | Path) -> dict[str, xarray.Dataset]:
             raise ValueError(f"{path}: {name} has no imls or no params")
         for state in states:
             label = name if len(states) == 1 else f"{name}/{state.get('ls')}"
+            if label in curves:
+                raise ValueError(f"{path}: the file has two curves of {label}; names must be different")
             curves[label] = _curve(path, label, imls, state)
     if not curves:
         raise ValueError(f"{path}: the file has no fragilityFunction")
@@ -417,8 +436,9 @@ def _limits(path: str | Path, name: str, imls: ET.Element) -> dict[str, float]:
 
 
 def _limits_to_write(curve: xarray.Dataset, factor: float) -> dict[str, str]:
-    """Return the limits of a curve as attributes of NRML; `factor`: OpenQuake's unit of the measure in SI."""
-    highest = float(curve["median_capacity"]) / factor * math.exp(MAX_DEVIATIONS * float(curve["dispersion"]))
+    """Return the limits of a curve as attributes of NRML; `factor`: OpenQuake's unit [unit of the curve]."""
+    largest = max(float(curve[name]) for name in ("median_capacity", *LIMITS.values()) if name in curve)
+    highest = largest / factor * math.exp(MAX_DEVIATIONS * float(curve["dispersion"]))
     stated = {key: f"{float(curve[name]) / factor:.15g}" for key, name in LIMITS.items() if name in curve}
     return {"minIML": MIN_IML, "maxIML": f"{highest:.15g}"} | stated
 
@@ -434,8 +454,7 @@ def _curve(path: str | Path, name: str, imls: ET.Element, state: ET.Element) -> 
             f"{path}: {name}: imlUnit must be {units!r}, OpenQuake's unit of {measure}, got {stated!r}"
         )
     mean, deviation = (_number(path, name, state, key) for key in ("mean", "stddev"))
-    if not (mean > 0 and deviation > 0):
-        raise ValueError(f"{path}: {name}: mean and stddev must be > 0, got {mean:g} and {deviation:g}")
+    require_positive(f"{path}: {name}", mean=mean, stddev=deviation)
     dispersion = math.sqrt(math.log1p((deviation / mean) ** 2))
     median = mean * math.exp(-0.5 * dispersion**2) * factor
     limits = {

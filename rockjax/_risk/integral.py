@@ -23,8 +23,7 @@ class Contributions(NamedTuple):
     """Contributions of parts of a hazard curve to ∫ F |dλ| [1/year].
 
     - `below`: contribution of intensities below the first point of the hazard curve
-    - `between`: contributions of the pieces of the curve between the first and the last point. If there are
-      limits, a last entry has the contribution of intensities at which they hold the fragility constant
+    - `between`: contributions of the pieces of the curve between the first and the last point
     - `above`: contribution of intensities above the last point
     """
 
@@ -109,19 +108,16 @@ def integrate_lognormal(
     below, pieces, above = _integrate_without_limits(
         points, log_rate_at(log_x, log_rate, points), k[segment], median, dispersion
     )
-    constant = jnp.zeros(())
+    drops = -jnp.diff(rate(points))
     if lower is not None:
-        below, pieces = jnp.zeros(()), jnp.where(middle > lower, pieces, 0.0)
-    if constant_below is not None:
-        constant += F(constant_below) * jnp.maximum(rate(log_x[0]) - rate(constant_below), 0.0)
+        constant = 0.0 if constant_below is None else F(constant_below) * drops
+        below, pieces = jnp.zeros(()), jnp.where(middle > lower, pieces, constant)
     if upper is not None:
-        rate_above = rate(jnp.maximum(upper, log_x[-1]))
-        above, pieces = F(upper) * rate_above, jnp.where(middle < upper, pieces, 0.0)
-        constant += F(upper) * (rate(upper) - rate_above)
+        above, pieces = F(upper) * rate(points[-1]), jnp.where(middle < upper, pieces, F(upper) * drops)
     is_below, is_above = middle < log_x[0], middle > log_x[-1]
     return Contributions(
         below + jnp.sum(jnp.where(is_below, pieces, 0.0)),
-        jnp.append(jnp.where(is_below | is_above, 0.0, pieces), constant),
+        jnp.where(is_below | is_above, 0.0, pieces),
         above + jnp.sum(jnp.where(is_above, pieces, 0.0)),
     )
 

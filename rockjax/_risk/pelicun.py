@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 
 from rockjax._files import write_atomically
 
+from .files import si_factor
+
 if TYPE_CHECKING:
     import xarray
 
-# Pelicun's names for the units of intensity measures.
-UNITS = {"m s-2": "mps2", "m s-1": "mps"}
 HEADINGS = "ID", "Incomplete", "Demand-Type", "Demand-Unit", "Demand-Offset", "Demand-Directional"
 LIMIT_STATE = "Family", "Theta_0", "Theta_1"
 
@@ -38,14 +38,16 @@ def write_pelicun(path: str | Path, fragility: xarray.Dataset) -> Path:
         raise ValueError(
             f"{owner}: fragility must come from rockjax.contents_fragility, got {type(fragility).__name__}"
         )
-    demand = _demand_type(owner, fragility.attrs["measure"])
-    unit = UNITS[fragility["intensity"].attrs["units"]]
+    measure = fragility.attrs["measure"]
+    demand, unit = _demand_type(owner, measure), "mps" if measure == "PGV" else "mps2"
+    factor = si_factor(owner, measure, fragility["intensity"].attrs["units"])
     curves = fragility[["median_capacity", "dispersion"]].transpose("contents", "damage_state")
     states = range(1, curves.sizes["damage_state"] + 1)
     rows = [[*HEADINGS, *(f"LS{k}-{name}" for k in states for name in LIMIT_STATE)]]
     for name in curves["contents"].values:
         block = curves.sel(contents=name)
-        medians, dispersions = (block[y].values.tolist() for y in ("median_capacity", "dispersion"))
+        medians = (factor * block["median_capacity"]).values.tolist()
+        dispersions = block["dispersion"].values.tolist()
         cells = [_limit_state(*pair) for pair in zip(medians, dispersions, strict=True)]
         incomplete = str(int(any(not cell[0] for cell in cells)))
         rows.append([str(name), incomplete, demand, unit, "0", "1", *itertools.chain(*cells)])

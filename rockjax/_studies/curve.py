@@ -17,6 +17,7 @@ from scipy.special import ndtr
 from rockjax._checks import as_float, require
 from rockjax._lognormal import Lognormal, fit_capacities, fit_counts
 from rockjax._programs.program import StoredProgram
+from rockjax._results import outcomes
 
 from .intervals import Capacities, jackknife_intervals, profile_intervals
 
@@ -40,8 +41,9 @@ def fragility(
     - `method`: `"capacities"` fits the capacities of the records, their least overturning intensities; the
       capacity of a record that does not overturn is only known to be above the highest level (censored).
       `"stripes"` fits the counts of overturned records at each level; a record does not count as overturned
-      at a level that it survives, even above its capacity. By default `"capacities"`; with `limit`, the
-      default and only valid method is `"stripes"`
+      at a level that it survives, even above its capacity, and does not count at all at a level at which its
+      scene did not finish. By default `"capacities"`; with `limit`, the default and only valid method is
+      `"stripes"`
     - `at`: intensities at which the curve is evaluated, shape (x,), > 0; by default 200 equally spaced
       values up to the highest level
     - `confidence`: confidence level of the intervals and the band, in (0, 1); None omits intervals and band
@@ -56,7 +58,8 @@ def fragility(
     - `median_capacity`, `dispersion`: scalars; `interval` (dims `quantity`, `bound`): their confidence
       intervals, with the numbers of records as attributes
     - `probability`, and the band from `lower` to `upper` (dim `at`): the curve
-    - `observed` (dim `intensity`): share of records that overturn or, with `limit`, fail
+    - `observed` (dim `intensity`): share of records that overturn or, with `limit`, fail, among the records
+      whose scenes finished
     - `capacity` (dim `record`): capacities; with `limit`, the lowest levels at which the records fail; NaN
       for records that do not overturn or fail
     - `median_sensitivity`, `dispersion_sensitivity` (dim `parameter`): d ln(median)/d ln y and
@@ -123,7 +126,8 @@ class _Outcomes(NamedTuple):
     - `censor_limit`: the highest level, repeated for each record, shape (n,); a lower bound of the capacities
       that are inf
     - `levels`: levels of intensity, shape (m,)
-    - `overturned`: 1 where a record overturns or is beyond the limit state, otherwise 0, shape (n, m)
+    - `overturned`: 1 where a record overturns or is beyond the limit state, NaN where the scene did not
+      finish, otherwise 0, shape (n, m)
     """
 
     capacity: np.ndarray
@@ -135,14 +139,17 @@ class _Outcomes(NamedTuple):
     def from_analysis(cls, analysis: xarray.Dataset) -> _Outcomes:
         capacity, levels = analysis["capacity"].values, analysis["intensity"].values
         capacity = np.where(np.isnan(capacity), np.inf, capacity)
-        return cls(
-            capacity, np.full(capacity.size, levels[-1]), levels, analysis["overturned"].values.astype(float)
-        )
+        return cls(capacity, np.full(capacity.size, levels[-1]), levels, outcomes(analysis).values)
+
+    @property
+    def events(self) -> np.ndarray:
+        """Number of records that overturn at each level, shape (m,)."""
+        return np.nansum(self.overturned, axis=0)
 
     @property
     def trials(self) -> np.ndarray:
-        """Number of records at each level, shape (m,)."""
-        return np.full(self.levels.size, float(self.capacity.size))
+        """Number of records whose scenes finished at each level, shape (m,)."""
+        return np.isfinite(self.overturned).sum(axis=0).astype(float)
 
 
 def _with_limit(analysis: xarray.Dataset, limit: tuple[str, float]) -> xarray.Dataset:
@@ -205,7 +212,7 @@ def _fit(method: str, data: _Outcomes, limit_state: str | None) -> Lognormal:
     if method == "capacities":
         fit = _fit_capacities(data.capacity, data.censor_limit)
     else:
-        fit = _fit_counts(data.levels, data.overturned.sum(axis=0), data.trials)
+        fit = _fit_counts(data.levels, data.events, data.trials)
     if not np.isfinite(fit.median):
         note = "" if limit_state is None else f" (records with {limit_state} count as overturned)"
         raise ValueError(f"fragility: {_explain_failure(method, data)}{note}")
@@ -226,7 +233,7 @@ def _dataset(analysis: xarray.Dataset, fit: Lognormal, x: np.ndarray, method: st
     def variable(dim, values, unit: str, long_name: str):
         return dim, np.asarray(values), {"units": unit, "long_name": long_name}
 
-    observed = analysis["overturned"].values.mean(axis=0)
+    observed = outcomes(analysis).mean("record")
     return xarray.Dataset(
         {
             "median_capacity": variable((), float(fit.median), units, f"median {measure} of {event}"),
@@ -295,8 +302,9 @@ def _intervals_of_stripes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return jackknife bounds from counts, with arguments and results as for `_intervals_of_capacities`.
     Raises `ValueError` if a fit that omits one record does not determine the dispersion."""
-    reduced_counts = data.overturned.sum(axis=0) - data.overturned  # each row omits one record
-    reduced_trials = np.broadcast_to(data.trials - 1, reduced_counts.shape)
+    # Each row omits one record.
+    reduced_counts = data.events - np.nan_to_num(data.overturned)
+    reduced_trials = data.trials - np.isfinite(data.overturned)
     reduced_fits = fit_each_counts(data.levels, reduced_counts, reduced_trials)
     undetermined = int(np.sum(~np.isfinite(reduced_fits.median)))
     if undetermined:
@@ -357,9 +365,10 @@ def _explain_failure(method: str, data: _Outcomes) -> str:
                 f"{data.levels[-1]:g}, but a fit needs two; raise the highest intensity"
             )
         return f"the capacities of the {capacities.size} records that overturn are equal; use other records"
-    share, levels, cure = data.overturned.mean(axis=0), data.levels, "use other levels or other records"
+    is_counted, cure = data.trials > 0, "use other levels or other records"
+    share, levels = (data.events / np.maximum(data.trials, 1))[is_counted], data.levels[is_counted]
     if not share.any():
-        return f"no record overturns at the levels up to {levels[-1]:g}; raise the highest intensity"
+        return f"no record overturns at the levels up to {data.levels[-1]:g}; raise the highest intensity"
     if share.min() == 1:
         return f"all records overturn at all levels from {levels[0]:g} on; lower the lowest intensity"
     if np.flatnonzero(share)[0] >= np.flatnonzero(share < 1)[-1]:

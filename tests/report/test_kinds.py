@@ -187,6 +187,8 @@ def test_the_curve_of_risk(tmp_path):
     assert {"fragility-given", "annual-c1"} <= report.tables.keys()
     with pytest.raises(ValueError, match="needs both median and dispersion"):
         read(tmp_path, RISK + "median = 5.0\n")
+    with pytest.raises(ValueError, match="`structure` applies only to a fragility model of OpenQuake"):
+        read(tmp_path, RISK + 'median = 5.0\ndispersion = 0.4\nstructure = "A"\n')
 
 
 def test_the_curve_of_another_structure_is_refused(tmp_path):

@@ -183,6 +183,15 @@ def test_counted_shares_are_integrated_as_they_are():
     assert float(found.extrapolated) == pytest.approx((above + between) / expected, rel=1e-8)
     with pytest.raises(ValueError, match="20% of the records overturn at the lowest level, 1"):
         rj.annual_frequency(analysis(share[1:], levels[1:]), HAZARD)
+    # Scenes that did not finish do not count.
+    doubled = xarray.concat([analysis(share, levels)] * 2, "record")
+    doubled["overturned"][:10] = False
+    doubled["result"] = doubled["overturned"].dims, np.repeat([[3] * 5, [0] * 5], 10, axis=0)
+    again = rj.annual_frequency(doubled, HAZARD).frequency
+    assert float(again) == pytest.approx(float(found.frequency), rel=1e-12)
+    doubled["result"][:, 2] = 3
+    with pytest.raises(ValueError, match="no scene finished at the level 2; raise max_steps"):
+        rj.annual_frequency(doubled, HAZARD)
 
 
 def test_measures_and_units_must_match():
@@ -200,6 +209,7 @@ def test_measures_and_units_must_match():
     for curve, expected in (
         (rj.Lognormal(-1.0, 0.4), "median must be finite and > 0"),
         (rj.Lognormal(1.0, 0.0), "dispersion must be finite and > 0"),
+        (rj.Lognormal(jnp.ones(4), 0.4), r"must be scalars, got shapes \(4,\) and \(\)"),
         (np.ones(3), "curve must be a rockjax.Lognormal"),
     ):
         with pytest.raises(ValueError, match=expected):
@@ -209,6 +219,9 @@ def test_measures_and_units_must_match():
 def test_the_disaggregation_is_a_density():
     found = rj.disaggregation(rj.Lognormal(1.5, 0.4), HAZARD, at=np.geomspace(0.01, 60, 4001))
     assert np.trapezoid(found["density"], np.log(found["intensity"])) == pytest.approx(1, abs=1e-3)
+    for at, words in ((2.0, "1-D array of intensities"), ([[1.0]], "1-D array"), ([], "1-D"), ([0.0], "> 0")):
+        with pytest.raises(ValueError, match=f"disaggregation: at must be .*{words}"):
+            rj.disaggregation(rj.Lognormal(1.5, 0.4), HAZARD, at=at)
 
 
 # Files.
@@ -354,6 +367,41 @@ def test_fragilities_are_written_for_openquake_and_read_back(tmp_path):
         rj.write_fragility_model(tmp_path / "x.xml", fragility("scale", "1"))
 
 
+@pytest.mark.parametrize(
+    ("measure", "units", "expected"),
+    [
+        ("PGA", "g", 1.5 * 9.80665),
+        ("PGA", "cm/s2", 0.015),
+        ("PGV", "cm/s", 0.015),
+        ("Sa(0.5 s)", "m/s²", 1.5),
+    ],
+)
+def test_fragilities_in_any_unit_are_written(tmp_path, measure, units, expected):
+    path = rj.write_fragility_model(tmp_path / "model.xml", fragility(measure, units))
+    found = rj.read_fragility_model(path)["structure-1"]
+    assert float(found["median_capacity"]) == pytest.approx(expected, rel=1e-14)
+    assert float(found["dispersion"]) == pytest.approx(0.4, rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("curves", "names", "words"),
+    [
+        ([fragility(), fragility()], ["a", "a"], "names must be different strings, one for each of 2"),
+        ([fragility(), fragility()], [1, 2], "names must be different strings"),
+        ([fragility(), fragility()], "ab", "names must be a list of strings, got 'ab'"),
+        ({"a": fragility()}, None, "the curve of structure-1 must be a dataset.*got dict"),
+        (rj.Lognormal(1.0, 0.4), None, "the curve of structure-1 must be a dataset.*got float"),
+        (fragility("PGV", "m s-2"), None, "'m s-2' is not a unit of the intensity measure PGV"),
+        (fragility("PGA", "furlong"), None, "'furlong' is not a unit of the intensity measure PGA"),
+        (fragility().assign(dispersion=np.nan), None, "structure-1: dispersion must be finite and > 0"),
+    ],
+)
+def test_models_that_cannot_be_read_back_are_not_written(tmp_path, curves, names, words):
+    with pytest.raises(ValueError, match=words):
+        rj.write_fragility_model(tmp_path / "model.xml", curves, names)
+    assert not list(tmp_path.iterdir())
+
+
 MODEL = """<nrml xmlns="http://openquake.org/xmlns/nrml/0.5"><fragilityModel id="m">
 <limitStates>collapse</limitStates><fragilityFunction id="A" format="continuous" shape="logncdf">
 <imls imt="PGA" %s/><params ls="collapse" mean="0.30" stddev="0.15"/></fragilityFunction>
@@ -380,6 +428,9 @@ def openquake(x, no_damage=0.0, lowest=0.0, highest=0.0):
         {"noDamageLimit": 0.0, "minIML": 0.0, "maxIML": 0.6},
         {"noDamageLimit": 0.25},
         {"maxIML": 9.0},
+        {"maxIML": 0.02},
+        {"minIML": 40.0},
+        {"noDamageLimit": 10.0},
         {},
     ],
     ids=str,
@@ -402,15 +453,17 @@ def test_limits_of_openquake_are_followed_and_written(tmp_path, limits):
         i = np.clip(np.searchsorted(np.log(points), s) - 1, 0, 3)
         return float(k[i] * hazard(np.exp(s) * 9.80665))
 
-    exact = sum(
+    pieces = [
         quad(lambda s: openquake(np.exp(s), *arguments) * slope(s), a, b, epsabs=0, epsrel=1e-9, limit=200)[0]
         for a, b in itertools.pairwise(ends)
-        if b > a
-    )
+    ]
+    exact = sum(pieces)
+    outside = sum(y for a, y in zip(ends, pieces, strict=False) if not np.log(0.05) <= a < np.log(3.0))
     curve = rj.read_fragility_model(path)["A"]
     found = rj.annual_frequency(curve, hazard)
     assert float(found.frequency) == pytest.approx(exact, rel=1e-7)
-    table = rj.disaggregation(curve, hazard, at=9.80665 * np.geomspace(1e-3, 20, 20_001))
+    assert float(found.extrapolated) == pytest.approx(outside / exact, rel=1e-6)
+    table = rj.disaggregation(curve, hazard, at=9.80665 * np.geomspace(1e-3, 400, 20_001))
     assert np.trapezoid(table["density"], np.log(table["intensity"])) == pytest.approx(1, abs=5e-3)
     # Writing and reading preserves the curve and the limits of the file.
     again = rj.read_fragility_model(rj.write_fragility_model(tmp_path / "again.xml", curve, ["A"]))["A"]
@@ -443,6 +496,20 @@ def test_limits_that_make_no_sense_are_refused(tmp_path, attributes, words):
     path.write_text(MODEL % attributes)
     with pytest.raises(ValueError, match=words):
         rj.read_fragility_model(path)
+
+
+def test_models_with_equal_names_or_infinite_numbers_are_refused(tmp_path):
+    path, (start, function) = tmp_path / "model.xml", (MODEL % "").split("<fragilityFunction")
+    function, end = function.split("</fragilityModel>")
+    function = "<fragilityFunction" + function
+    for text, words in (
+        (function * 2, "the file has two curves of A; names must be different"),
+        (function.replace("0.30", "inf"), "A: mean must be finite and > 0, got mean = inf"),
+        (function.replace("0.15", "inf"), "A: stddev must be finite and > 0, got stddev = inf"),
+    ):
+        path.write_text(start + text + "</fragilityModel>" + end)
+        with pytest.raises(ValueError, match=words):
+            rj.read_fragility_model(path)
 
 
 # Gaussian ground motions.

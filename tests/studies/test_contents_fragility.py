@@ -128,9 +128,16 @@ def test_table_for_pelicun(tmp_path):
     for measure, units, words in (
         ("PGV", "m s-1", ["Peak Ground Velocity", "mps"]),
         ("Sa(0.5 s)", "m s-2", ["Spectral Acceleration|0.5", "mps2"]),
+        ("PGA", "g", ["Peak Ground Acceleration", "mps2"]),
+        ("PGV", "cm/s", ["Peak Ground Velocity", "mps"]),
     ):
-        lines = rj.write_pelicun(path, curves(measure, units)).read_text().splitlines()
-        assert lines[1].split(",")[2:4] == words
+        with open(rj.write_pelicun(path, curves(measure, units)), newline="") as file:
+            row = next(csv.DictReader(file))
+        assert [row["Demand-Type"], row["Demand-Unit"]] == words
+        factor = {"g": 9.80665, "cm/s": 0.01}.get(units, 1.0)
+        assert float(row["LS2-Theta_0"]) == pytest.approx(3.25 * factor, rel=1e-14)
+    with pytest.raises(ValueError, match="'g' is not a unit of the intensity measure PGV"):
+        rj.write_pelicun(path, curves("PGV", "g"))
     with pytest.raises(ValueError, match="intensity measure must be PGA"):
         rj.write_pelicun(path, curves("scale", "1"))
     with pytest.raises(ValueError, match="must come from"):

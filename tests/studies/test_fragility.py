@@ -163,6 +163,22 @@ def test_fits_are_those_of_scipy():
     np.testing.assert_allclose(fit_counts(levels, events, trials), best, rtol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("observed", "censored", "distance"),
+    [([1.0, 1.7, 3.0], 97, 25.0), ([1.0, 1.03, 1.08], 12, 1.7), ([1.0, 1.001, 0.999], 3, 3000.0)],
+)
+def test_fits_exist_however_many_capacities_are_censored(observed, censored, distance):
+    """At the maximum, the derivatives of the likelihood are zero, whatever the unit of the capacities."""
+    log = np.log([*observed, *[max(observed) * distance] * censored])
+    is_observed = np.arange(log.size) < len(observed)
+    for unit in (1e-3, 1.0, 1e4):
+        capacity = jnp.asarray(np.where(is_observed, unit * np.exp(log), np.inf))
+        median, dispersion = map(float, fit_capacities(capacity, jnp.asarray(unit * np.exp(log))))
+        z = (log - np.log(median / unit)) / dispersion
+        slope = np.where(is_observed, z, np.exp(scipy.stats.norm.logpdf(z) - scipy.stats.norm.logsf(z)))
+        np.testing.assert_allclose([slope.mean(), (slope * z - is_observed).mean()], 0, atol=1e-7)
+
+
 def test_weights_are_repeated_data():
     capacity = jnp.array([0.5, 0.7, 0.9, jnp.inf, jnp.inf])
     weights = np.array([2, 0, 1, 1, 1])
@@ -364,6 +380,18 @@ def test_fragility_of_stripes_is_the_fit_of_its_counts(analysis):
     half = scipy.stats.t(7).ppf(0.95) * np.sqrt(7 / 8 * np.sum((logs - logs.mean()) ** 2))
     bounds = curve["interval"].sel(quantity="median_capacity")
     np.testing.assert_allclose(np.log(bounds), [middle - half, middle + half], rtol=1e-6)
+
+
+def test_scenes_that_did_not_finish_do_not_count_in_stripes(analysis):
+    _, data = analysis
+    unknown = data.assign(overturned=data["overturned"] & False, result=data["result"] * 0 + 3)
+    both = xarray.concat([data, unknown], "record", data_vars="minimal", coords="minimal")
+    expected, found = (rj.fragility(y, method="stripes", confidence=None) for y in (data, both))
+    for name in ("median_capacity", "dispersion", "observed", "probability"):
+        np.testing.assert_allclose(found[name], expected[name], rtol=1e-9)
+    both["result"][:, 0] = 3  # a level without finished scenes
+    curve = rj.fragility(both, limit=("peak_rotation", 0.5), confidence=None)
+    assert np.isnan(curve["observed"].values).tolist() == [True] + [False] * (curve["observed"].size - 1)
 
 
 def test_records_that_never_overturn_are_censored(analysis):
