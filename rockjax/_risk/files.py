@@ -121,6 +121,12 @@ def _read_two_columns(path: str | Path, rows: list[_Row], comments: list[_Row]) 
         )
     intensity_heading, rate_heading = headings[intensity_columns[0]], headings[rate_columns[0]]
     factor, units = _si_unit(path, intensity_heading)
+    for row in rows[first:]:
+        if any(_as_number(cell) is not None for cell in row.cells[len(headings) :]):
+            raise ValueError(
+                f"{path}:{row.line}: the line has more numbers than the {len(headings)} headings; separate "
+                "columns with semicolons if commas are decimal commas"
+            )
     values = np.array(
         [[row.number(path, k) for k in (intensity_columns[0], rate_columns[0])] for row in rows[first:]]
     )

@@ -314,6 +314,8 @@ def test_values_of_hazard_tables_that_make_no_sense_are_refused(tmp_path):
         ("PGA [g],return period [years]\n0.1,0\n0.5,100\n", "must be > 0, got 0"),
         ("PGA [g],annual_rate\n0.1,1e-2\n0.5,few\n", ":3: expected a number in column 2, got 'few'"),
         ("PGA [g],annual_rate\n0.1,1e-2\n0.5\n", ":3: expected a number in column 2, got ''"),
+        ("PGA [cm/s2],annual_rate\n12,5,0,01\n20,5,0,001\n", ":2: the line has more numbers than the 2 head"),
+        ("PGA [g],annual_rate\n0.1,1e-2\n0.5,1e-3,7\n0.6,1e-4\n", ":3: the line has more numbers"),
     ):
         path.write_text(text)
         with pytest.raises(ValueError, match=words):
