@@ -70,12 +70,12 @@ INTENSITY_UNITS = [name for name, unit in UNITS.items() if unit.dimension in _SI
 def unit_of(text: str | None) -> str | None:
     """Return the key in `UNITS` of a unit written as a string; None if the string is not such a unit.
 
-    Upper and lower case are equivalent, and `^2`, `²`, `**2`, `/s/s` and `s-2` are understood.
+    Upper and lower case are equivalent, and `^2`, `²`, `**2`, `/s/s`, `s-2`, `_s2` and `ps2` are understood.
     """
     plain = re.sub(r"[\s^*·]|\.(?=\D|$)", "", (text or "").strip(" []()").translate(_SUPERSCRIPTS)).casefold()
     plain = re.sub(r"milliseconds?", "ms", plain)
-    plain = re.sub(r"seconds?|secs?(?![a-z])", "s", plain).replace("/s/s", "/s2")
-    plain = re.sub(r"^(m|cm|mm)s-([12])$", r"\1/s\2", plain).replace("/s1", "/s")
+    plain = re.sub(r"seconds?|secs?(?![a-z])", "s", plain).replace("_", "/").replace("/s/s", "/s2")
+    plain = re.sub(r"^(m|cm|mm)(?:ps|s-(?=[12]$))", r"\1/s", plain).replace("/s1", "/s")
     plain = _ALIASES.get(plain, plain)
     return plain if plain in UNITS else None
 

@@ -14,6 +14,10 @@ from rockjax._units import unit_of
         ("Acc, cm/sec/sec", "Acc", "acceleration", "cm/s2", None),
         ("a / g", "a", "acceleration", "g", None),
         ("accel_mg", "accel", "acceleration", "mg", None),
+        ("acc_m_s2", "acc", "acceleration", "m/s2", None),
+        ("Acc NS_cmps2", "Acc NS", "acceleration", "cm/s2", None),
+        ("PGV_cm_s", "PGV", "velocity", "cm/s", None),
+        ("time_s", "time", "time", "s", None),
         ("Acceleration m s-2", "Acceleration", "acceleration", "m/s2", None),
         ("N-S [gal]", "N-S", "acceleration", "gal", None),
         ("UD (m/s²)", "UD", "acceleration", "m/s2", None),
@@ -64,7 +68,13 @@ def test_headings_that_are_not_understood_are_quoted(text):
 def test_units_in_many_spellings():
     for text in ("m/s/s", "M/S^2", "m s-2", "ms-2", "m/sec2", "m/s**2", "m·s⁻²", "[m/s²]"):
         assert unit_of(text) == "m/s2"
+    for text in ("m_s2", "m_s_s", "mps2", "M_S^2", "mps^2"):
+        assert unit_of(text) == "m/s2"
     spellings = {
+        "cm_s": "cm/s",
+        "mmps": "mm/s",
+        "ms": "ms",
+        "N_S": None,
         "G": "g",
         "g's": "g",
         "Gals": "gal",

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from rockjax._checks import as_float, require_finite_samples, require_number
+from rockjax._checks import as_float, require_finite_samples, require_instance, require_number
 from rockjax._unit_warnings import PlausibilityWarning, warn_about_units
 from rockjax._units import STANDARD_GRAVITY
 
@@ -49,6 +49,7 @@ class Accelerogram:
             )
         require_finite_samples("Motion", samples)
         require_number("Motion", "dt", self.dt, lambda v: v > 0, "finite and > 0 s")
+        require_instance("Motion", "metadata", self.metadata, Mapping, "a dict")
         samples.flags.writeable = False
         for name, value in {
             "acceleration": samples,

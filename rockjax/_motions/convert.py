@@ -132,7 +132,7 @@ def single_motions(owner: str, value, name: str) -> SingleMotions:
     if isinstance(value, Records):
         return SingleMotions(_records_of_table(owner, value, name), None)
     if isinstance(value, AbstractExcitation):
-        return SingleMotions([_require_single(owner, value, name)], None)
+        return SingleMotions([require_single(owner, value, name)], None)
     if isinstance(value, list | tuple) or (
         isinstance(value, Iterable) and not isinstance(value, _NO_MOTIONS)
     ):
@@ -161,11 +161,11 @@ def _advice(value) -> str:
     return ""
 
 
-def _require_single(owner: str, motion: AbstractExcitation, name: str) -> AbstractExcitation:
+def require_single(owner: str, motion: AbstractExcitation, name: str) -> AbstractExcitation:
     """Return the motion. Raises `ValueError` if it is a batch."""
     if isinstance(motion, GroundMotion):
         for part in PARTS:
-            _require_single(owner, getattr(motion, part), f"{name}.{part}")
+            require_single(owner, getattr(motion, part), f"{name}.{part}")
         return motion
     for field in dataclasses.fields(motion):
         value = getattr(motion, field.name)

@@ -25,6 +25,7 @@ from rockjax._excitations.wavelets import MavroeidisPapageorgiou
 from rockjax._machine.memory import require_memory
 from rockjax._units import STANDARD_GRAVITY
 
+from .convert import require_single
 from .motion import Motion, Motions
 
 _TAPER = 0.05  # last fraction of the duration, in which the envelope is tapered from about η to zero
@@ -187,6 +188,8 @@ def synthetic_motions(
             MavroeidisPapageorgiou | None,
             "a rockjax.MavroeidisPapageorgiou or several",
         )
+        if element is not None:
+            require_single(owner, element, "pulse")
     if len(pulses) != count:
         raise ValueError(
             f"synthetic_motions: pulse must be one, or one for each of {count} motions, got {len(pulses)}"

@@ -113,6 +113,13 @@ def test_motions_are_their_own():
         (lambda m: rj.synthetic_motions(1, seed=1, duration=0.1), ["at least 49 dt (50 samples)"]),
         (lambda m: rj.synthetic_motions(1, seed=1, envelope_end=1.0), ["envelope_end", "< 1"]),
         (
+            lambda m: rj.synthetic_motions(
+                2, seed=1, pulse=rj.MavroeidisPapageorgiou(np.array([1.0, 2.0]), 1.0)
+            ),
+            ["synthetic_motions: pulse must be a single motion, but its A is an array", "pass a list"],
+        ),
+        (lambda m: rj.Motion([0.0, 1.0], 0.1, metadata=None), ["Motion: metadata must be a dict, got None"]),
+        (
             lambda m: rj.synthetic_motions(1, seed=1, pulse=rj.MavroeidisPapageorgiou(1.0, 0.05)),
             ["does not fit", "40 s"],
         ),

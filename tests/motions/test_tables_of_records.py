@@ -52,6 +52,8 @@ def test_units_of_both_columns(tmp_path, heading, separator, factor, step, dt):
         ),
         ("time (s),Acc, m/s/s", ["'Acc, m/s/s' gives the unit as m/s2", "units = g"]),
         ("time (s);Acc, m/s/s", ["'Acc, m/s/s' gives the unit as m/s2", "units = g"]),
+        ("time_s,acc_m_s2", ["'acc_m_s2' gives the unit as m/s2", "units = g"]),
+        ("time_s acc_cmps2", ["'acc_cmps2' gives the unit as cm/s2", "units = g"]),
         ("t/s;a/gal", ["'a/gal' gives the unit as gal", "units = g"]),
         ("time [s],acc [furlongs]", ["unit 'furlongs' in the heading 'acc [furlongs]' is not known"]),
         ("time [s],acc [counts]", ["'acc [counts]' gives raw counts"]),
