@@ -9,6 +9,7 @@ import numpy as np
 
 from ._problem import problem_of as problem_of
 from ._problem import problem_schema as problem_schema
+from ._results import RESULTS as RESULTS
 
 if TYPE_CHECKING:
     import rockjax as rj
@@ -107,13 +108,17 @@ def design_record(design) -> dict[str, Any]:
 
     podium = design.podium
     superstructure = podium.superstructure
-    podium_values = {
+    podium_values: dict[str, Any] = {
         name: float(getattr(podium, name))
         for name in ("alpha", "R", "gamma", "lam", "g", "restitution_factor")
     }
     podium_values |= {"width": float(podium.width), "height": float(podium.height)}
     if superstructure is not None:
         podium_values |= {f"superstructure.{name}": value for name, value in vars(superstructure).items()}
+    podium_values["restrainers"] = [{"kind": type(y).__name__} | vars(y) for y in podium.restrainers]
+    if podium.elevation is not None:
+        values = vars(podium.elevation).items()
+        podium_values["elevation"] = {name: value for name, value in values if not name.startswith("_")}
     return {
         "result": result_name(design.result),
         "satisfied": design.satisfied,

@@ -10,6 +10,7 @@ import functools
 import io
 import math
 from collections.abc import Mapping
+from html import escape
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import equinox as eqx
@@ -21,6 +22,7 @@ from jaxtyping import Array, ArrayLike, Float
 import rockjax as rj
 from rockjax._options import DEFAULT_OUTPUTS
 from rockjax._parameters.registry import STRUCTURE, motion_parameter
+from rockjax._responses.arguments import check_overturn_ratio
 from rockjax._responses.peak import AbstractPeak
 from rockjax._units import MM_PER_M
 from rockjax.internal import (
@@ -68,6 +70,9 @@ class Explorer:
     - `structure`, `podium`, `excitation`, `peak`: structure (as the given type and as a podium), motion and
       peak response for these values
     - `picture`: picture of the response as PNG, twice as wide in pixels as on the page
+
+    If the values together define no valid structure, the reason takes the place of the table of peaks,
+    `structure` and `podium` raise it as a `ValueError`, and `peak` and `picture` do not change.
     """
 
     def __init__(self, structure, excitation, vary: Mapping[str, tuple[float, float]], options: rj.Options):
@@ -137,6 +142,11 @@ class Explorer:
             self._update()
 
     def _update(self) -> None:
+        try:
+            check_overturn_ratio("explore", self.podium, self._options)
+        except ValueError as error:
+            self._text.value = f"<p>{escape(str(error))}</p>"
+            return
         self._present_simulation = self._solve()
         self._text.value = _peak_table(self._initial_simulation.peak, self._present_simulation.peak)
         self._image.value = self._drawing(self._present_simulation)
@@ -197,9 +207,9 @@ def explore(
                 raise ValueError(
                     f"explore: vary[{name!r}] = ({low:g}, {high:g}) exceeds the admissible range: {error}"
                 ) from None
-    return Explorer(
-        structure, excitation, dict(vary), options.replace(outputs=_outputs(options), throw=False)
-    )
+    options = options.replace(outputs=_outputs(options), throw=False)
+    check_overturn_ratio("explore", as_podium(structure), options)
+    return Explorer(structure, excitation, dict(vary), options)
 
 
 def _outputs(options: rj.Options) -> tuple[str, ...]:

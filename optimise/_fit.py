@@ -13,6 +13,7 @@ import optimistix as optx
 from jaxtyping import Array, ArrayLike, Float
 
 import rockjax as rj
+from rockjax._responses.arguments import check_overturn_ratio
 from rockjax.internal import (
     AnyMotion,
     Module,
@@ -45,7 +46,8 @@ class Fit(Module):
       and the scatter of the residuals. All errors are inf if the measurement does not determine every
       variable; the error of a variable at a bound is only a rough indication
     - `covariance`: covariance matrix of the variables, in `units` and in the order of `variables`
-    - `residuals`: measured minus fitted θ at each time, shape (n,) [rad]; `rms`: their root mean square [rad]
+    - `residuals`: measured minus fitted θ at each time, shape (n,) [rad]; `rms`: their root mean square
+      [rad]. Both are inf if no start led to a podium whose simulation finishes
     - `starts`: `rms` of the fit from every start [rad]; `best`: index of the start with the returned fit;
       `converged`: whether the solver converged in the last window of this start
     - `units`: name → unit
@@ -66,7 +68,10 @@ class Fit(Module):
     seconds: float
 
     def __repr__(self):
-        lines = [f"Fit: rms {self.rms:.3g} rad, {'converged' if self.converged else 'not converged'}"]
+        state = "converged" if self.converged else "not converged"
+        if not np.isfinite(self.rms):
+            state = "a simulation did not finish; raise history or max_steps of options"
+        lines = [f"Fit: rms {self.rms:.3g} rad, {state}"]
         width = max(len(name) for name in self.variables)
         lines += [
             f"  {name.ljust(width)}  {value:.8g} ± {self.errors[name]:.2g} {self.units[name]}"
@@ -142,6 +147,7 @@ def fit(
     variables = make_variables(podium, vary, "fit")
     excitation = as_excitation("fit", excitation)
     require_instance("fit", "options", options, rj.Options, "rockjax.Options")
+    check_overturn_ratio("fit", variables.podium(np.asarray(variables.start())), options)
     require_number("fit", "tolerance", tolerance, lambda v: v > 0, "finite and > 0")
     require_whole("fit", "seed", seed, 0)
     times, theta = _check_measurement(times, theta, len(vary), float(excitation.support[0]))

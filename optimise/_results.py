@@ -22,7 +22,7 @@ class RESULTS(eqx.Enumeration):
     )
     not_finite = (
         "A response is not finite, a simulation did not finish or the structure is invalid, for the starting "
-        "design or in the verification; start from another design."
+        "design or in the verification; start from another design or raise max_steps."
     )
     interrupted = "The search was stopped; the best design so far is returned. Start from it to continue."
     averaged = "The design is the mean of the last steps; the targets hold in an independent sample."

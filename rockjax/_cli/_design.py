@@ -48,4 +48,4 @@ def design(request: Request, console: Console, output: Output = "rockjax-design"
     if interrupt is not None:
         console.error(f"{interrupt}; the best design so far is saved", INTERRUPTED)
     elif not best.satisfied:
-        console.error("no design satisfies the targets; widen [vary], relax the targets or raise starts")
+        console.error(f"the targets are not satisfied. {optimise.RESULTS[best.result]}")

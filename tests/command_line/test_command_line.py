@@ -922,16 +922,24 @@ def test_overturning_writes_its_spectrum_and_pictures(tmp_path):
     assert "least overturning a_p/(g tan α), η/γ = 5" in result.output
 
 
-def test_design_that_cannot_be_ends_with_one(tmp_path):
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        ("", "No design within the bounds was found"),
+        ("[options]\nmax_steps = 5\n", "A response is not finite, a simulation did not finish"),
+    ],
+)
+def test_design_that_cannot_be_ends_with_one(tmp_path, options, reason):
     problem = tmp_path / "problem.toml"
     problem.write_text(
         "[structure]\nalpha = 0.1\nR = 2.0\n[vary]\nalpha = [0.05, 0.12]\n"
         '[motions.pulses]\nkind = "ricker"\na_p = 6.0\nT_p = 1.5\n'
-        '[[targets]]\nkind = "no-overturning"\nmotions = "pulses"\n'
+        '[[targets]]\nkind = "no-overturning"\nmotions = "pulses"\n' + options
     )
     result = RUN.invoke(app, ["design", str(problem), "-o", str(tmp_path / "out")])
     assert result.exit_code == 1
-    assert "not satisfied: no overturning" in result.output
+    assert re.search("not (satisfied|verified): no overturning", result.output)
+    assert f"rockjax: the targets are not satisfied. {reason}" in " ".join(result.output.split())
     assert (tmp_path / "out.json").exists()
 
 

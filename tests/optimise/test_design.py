@@ -17,10 +17,12 @@ import pytest
 import optimise
 import rockjax as rj
 from benchmarks import studies
+from optimise._cli import design_record
 from optimise._results import result_name
 from optimise._suite import Suite
 from optimise._targets import _smoothed_quantile
 from optimise._variables import make_variables
+from rockjax._files import as_json
 from rockjax._programs.program import COUNTS, finish_writing, forget
 from tests.compiling import compiled_by
 from tests.scenes import Stops
@@ -729,6 +731,19 @@ def test_fit_rejects_invalid_arguments():
         optimise.fit(BLOCK, {**vary, "R": (1, 2), "gamma": (0, 1)}, motion, [0.0, 1.0], [0.0, 0.0])
     with pytest.raises(ValueError, match="not begin before the excitation"):
         optimise.fit(BLOCK, vary, motion, [-9.0, 1.0], [0.0, 0.0])
+    with pytest.raises(ValueError, match=r"fit: options.overturn_ratio must be <= π/\(2α\) = 10.472"):
+        optimise.fit(BLOCK, vary, motion, [0.0, 1.0], [0.0, 0.0], options=BEYOND.replace(overturn_ratio=12))
+
+
+@pytest.mark.slow
+def test_a_fit_names_the_cure_if_no_simulation_finishes():
+    options = rj.Options(history=4)
+    fit = optimise.fit(
+        BLOCK, {"alpha": (0.1, 0.3)}, rj.Ricker(3.0, 1.0), [0.0, 1.0], [0.0, 0.1], options=options
+    )
+    assert fit.rms == np.inf
+    assert not fit.converged
+    assert "raise history or max_steps" in repr(fit)
 
 
 # Files and reports
@@ -888,6 +903,20 @@ def test_the_command_writes_everything(folder, capsys):
     assert account["stats"]["scenes"] == 2 * account["stats"]["evaluations"]
     for name in ("out-convergence.png", "out-response.png"):
         assert (folder / name).read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_record_of_a_design_describes_devices_and_elevation():
+    """The JSON file describes the whole podium."""
+    column = COLUMNS.replace(tendon_force=1e4, inertance=30.0, beam_depth=0.5)
+    design = optimise.design(
+        column, {"tendon_force": (1e4, 5e4)}, lambda podium: podium.restrainers[0].prestress
+    )
+    podium = json.loads(as_json(design_record(design)))["podium"]
+    devices = {y["kind"]: y for y in podium["restrainers"]}
+    assert devices["Tendon"]["prestress"] == pytest.approx(1e4 / (1.5e3 * 9.80665))
+    assert devices["Inerter"]["inertance"] == pytest.approx(0.02)
+    assert podium["elevation"]["columns"] == [0.0, 5.0]
+    assert podium["elevation"]["beam_depth"] == 0.5
 
 
 def test_bounds_of_logarithmic_variables_are_marked_where_they_are_met():

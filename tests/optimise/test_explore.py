@@ -134,6 +134,8 @@ def test_buildings_under_both_components():
         ({}, "must name at least one parameter"),
         ({"widht": (0.2, 1.0)}, "widht"),  # codespell:ignore
         ({"width": 0.5}, "must be a pair"),
+        ({"a_p": ("1", "5")}, "must be a pair"),
+        ({"a_p": (0.0, np.inf)}, "must be finite"),
         ({"width": (0.5, 1.0)}, "must be a range that contains the present value 0.45"),
         ({"a_p": "no"}, "must be a pair"),
         ({"T_p": (2.0, 0.5)}, "must be a range that contains the present value 1"),
@@ -153,3 +155,19 @@ def test_other_things_are_not_explored():
         optimise.explore(COLUMN, "Ricker", {"width": (0.2, 1.0)})
     with pytest.raises(ValueError, match=r"optimise\.Dimensions"):
         optimise.explore("podium", PULSE, {"a_p": (1.0, 5.0)})
+    with pytest.raises(ValueError, match=r"explore: options.overturn_ratio must be <= π/\(2α\)"):
+        optimise.explore(COLUMN, PULSE, {"a_p": (1.0, 5.0)}, options=rj.Options(overturn_ratio=12.0))
+
+
+def test_values_without_a_valid_structure_are_reported():
+    column = optimise.Dimensions(0.45, 3.0, 1.5e3, 30e3, positions=(0.0, 5.0))
+    study = optimise.explore(column, PULSE, {"width": (0.3, 1.2), "position_2": (1.0, 8.0)})
+    study.sliders["position_2"].value = 1.0
+    peak, picture = study.peak, study.picture
+    study.sliders["width"].value = 1.2
+    assert "at least the width of a column apart" in study._text.value
+    assert (study.peak, study.picture) == (peak, picture)
+    with pytest.raises(ValueError, match="at least the width of a column apart"):
+        _ = study.podium
+    study.sliders["width"].value = 0.9
+    assert "peak rotation" in study._text.value
