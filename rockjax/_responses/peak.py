@@ -136,14 +136,14 @@ class AbstractPeak(Module):
     def joints_closed(self) -> Bool[Array, "*batch"]:
         """True if no joint would open, and the beam would not lift off a column at an impact, according to
         `least_axial_force`, `least_impulse_share` and `peak_friction`. Answers that were not requested are
-        ignored."""
+        ignored. False if an answer is NaN, as in a scene with the result `weightless`."""
         is_closed = jnp.ones(jnp.shape(self.overturned), bool)
         for name in ("least_axial_force", "least_impulse_share"):
             values = self.values.get(name)
             if values is not None:
-                is_closed &= ~jnp.any(values < 0, axis=-1)
+                is_closed &= jnp.all(values >= 0, axis=-1)
         demand = self.values.get("peak_friction")
-        return is_closed if demand is None else is_closed & ~jnp.any(jnp.isinf(demand), axis=-1)
+        return is_closed if demand is None else is_closed & jnp.all(jnp.isfinite(demand), axis=-1)
 
     def __repr__(self):
         return _text(self)

@@ -1123,6 +1123,7 @@ def test_weightless_scenes_have_no_forces():
     assert found.result == rj.RESULTS.weightless
     for name in JOINT_PEAKS:
         assert np.all(np.isnan(getattr(found, name))), name
+    assert not bool(found.joints_closed)
 
 
 @pytest.mark.slow
