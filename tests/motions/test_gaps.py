@@ -141,6 +141,18 @@ def test_gaps_of_waveforms_are_named_as_gaps(tmp_path):
         rj.read_motion(write_stream(path, waveform(filled.astype("int32"))), units="m/s2")
 
 
+@pytest.mark.parametrize("dt", [0.01, 0.0078125, 1 / 300, 0.0123456])
+def test_intervals_of_sac_files(tmp_path, dt):
+    """SAC files store the interval in float32; a rounded interval is no damage."""
+    trace = waveform(LONG_SAMPLES)
+    trace.stats.delta = dt
+    trace.write(str(tmp_path / "a.sac"), format="SAC")
+    motion = rj.read_motion(tmp_path / "a.sac", units="m/s2")
+    assert motion.dt == pytest.approx(dt, rel=1e-7)
+    assert motion.dt == dt or dt == 1 / 300
+    assert "damaged" not in motion.metadata
+
+
 def test_counts_of_waveforms_are_raw(tmp_path):
     path = write_stream(tmp_path / "a.mseed", waveform(np.round(1000 * LONG_SAMPLES).astype("int32")))
     with pytest.warns(rj.RecordWarning, match=r"a\.mseed: the motion is raw \(whole numbers\)"):

@@ -842,6 +842,13 @@ def test_saved_at2_files_are_read_back(tmp_path, pulse):
     np.testing.assert_allclose(back.acceleration, motion.acceleration, rtol=1e-7, atol=1e-98)
 
 
+@pytest.mark.parametrize("shape", [(0,), (0, 2), (5, 0)])
+def test_empty_arrays(tmp_path, shape):
+    np.save(tmp_path / "a.npy", np.zeros(shape))
+    with pytest.raises(ValueError, match=r"a\.npy: the file contains no numbers"):
+        rj.read_motion(tmp_path / "a.npy", units="g", dt=0.1)
+
+
 @pytest.mark.filterwarnings("ignore::rockjax.RecordWarning")
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-8-sig", "utf-32"])
 def test_encodings_of_editors(tmp_path, encoding):

@@ -57,6 +57,8 @@ def _load_array(path: Path) -> np.ndarray:
         raise ValueError(f"{path}: the file is not a NumPy array of numbers: {first_line(error)}") from None
     if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu" or array.ndim not in (1, 2):
         raise ValueError(f"{path}: the file is not a NumPy array of numbers with one or two axes")
+    if not array.size:
+        raise ValueError(f"{path}: the file contains no numbers")
     return np.asarray(array, float).reshape(len(array), -1)
 
 

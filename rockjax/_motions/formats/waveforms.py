@@ -40,10 +40,13 @@ def read(path: Path, content: bytes, component: Component) -> Samples:
         raise ValueError(
             f"{path}: {path.suffix} files need ObsPy; install it with: pip install 'rockjax[records]'"
         ) from None
+    file_format = WAVEFORMS[path.suffix.lower()]
+    # By default, ObsPy rounds the interval in SAC files to microseconds.
+    options = {"round_sampling_interval": False} if file_format == "SAC" else {}
     try:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            traces: list[Any] = list(obspy.read(io.BytesIO(content), format=WAVEFORMS[path.suffix.lower()]))
+            traces: list[Any] = list(obspy.read(io.BytesIO(content), format=file_format, **options))
     except Exception as error:  # plug-ins may raise anything
         is_unrecognised = "BytesIO" in str(error)  # ObsPy then quotes the stream in its message
         cause = "it has another format, or is cut short" if is_unrecognised else first_line(error)
@@ -72,6 +75,8 @@ def read(path: Path, content: bytes, component: Component) -> Samples:
         metadata["damaged"] = f"its last {excess} bytes are an incomplete record; the file was cut short"
     values = np.asarray(trace.data, float) * trace.stats.calib
     dt = float(trace.stats.delta)
+    if file_format == "SAC":
+        dt = float(str(np.float32(dt)))  # SAC files contain float32
     dt_statement = f"{path}: the sampling interval is {dt:g} s"
     raw_location = "whole numbers" if is_counts else ""
     return Samples(values, dt, None, metadata, None, dt_statement, raw_location=raw_location)
