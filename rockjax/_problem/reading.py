@@ -257,6 +257,8 @@ def _explain_first_error(error: ValidationError, table: Any) -> tuple[str, str, 
             location, value = f"{location}.{step}".lstrip("."), value[step]
         elif isinstance(value, list) and isinstance(step, int) and step < len(value):
             location, value = f"{location}[{step}]", value[step]
+        elif step == "[key]":  # the error concerns the key, not its value
+            value = first_error["input"]
     error_type, context = first_error["type"], first_error.get("ctx", {})
     if error_type == "missing":
         return location or "file", f"{first_error['loc'][-1]} is missing", None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import re
 from typing import TYPE_CHECKING, Any
@@ -12,6 +13,8 @@ from .tables import Quantity, TextCell
 
 if TYPE_CHECKING:
     import xarray
+
+MAX_SLUG = 40  # largest number of characters of a set or check in the name of a table or picture
 
 
 def number_cell(
@@ -49,5 +52,10 @@ def peak_cell(data: xarray.Dataset, k: int, value: Any, kind: str, error: Any = 
 
 
 def slug(name: str) -> str:
-    """Convert a name to lower-case letters, digits and "-", for the names of tables and pictures."""
-    return re.sub(r"[^a-z0-9-]", "-", name.lower())
+    """Convert a name to lower-case letters, digits and "-", for the names of tables and pictures.
+
+    A name that is too long or has other characters ends with a part of its hash. So only names that differ
+    by nothing but upper and lower case give the same result.
+    """
+    plain = re.sub(r"[^a-z0-9-]", "-", name.lower())[:MAX_SLUG]
+    return plain if plain == name.lower() else f"{plain}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"

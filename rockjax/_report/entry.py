@@ -17,9 +17,11 @@ class CheckKeys(models.Keys):
     """Keys that all kinds of checks have."""
 
     kind: str = key(..., "Kind of the check.")
-    id: str | None = key(None, "Identifier in the report; by default C1, C2 …, and T1, T2 … for targets.")
-    name: str | None = key(None, "Name in reports.")
-    clause: str | None = key(None, "Clause that asks for the check.")
+    id: models.Text | None = key(
+        None, "Identifier in the report; by default C1, C2 …, and T1, T2 … for targets."
+    )
+    name: models.Text | None = key(None, "Name in reports.")
+    clause: models.Text | None = key(None, "Clause that asks for the check.")
     motions: str | None = key(None, "Name of a set of motions; by default the only one.")
     statistic: Literal["max", "mean", "median", "p84"] = key("max", "Statistic over the motions of the set.")
     unit: str | None = key(None, "Unit of the limit; by default the SI unit.")

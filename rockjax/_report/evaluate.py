@@ -7,8 +7,6 @@ import math
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from rockjax._responses.estimate import SAFETY
 
 from .assemble import tables_of
@@ -17,14 +15,13 @@ from .derivatives import log_slopes, prepare_answers
 from .entry import Entry
 from .evaluation import Check, Evaluation
 from .kinds import KINDS
-from .kinds.base import Kind, Values
+from .kinds.base import Kind, statistic_of
 from .kinds.outside import ByOthers
 from .problem import Problem
 from .reading import read_problem
 from .scenes import Needs, NoProgress, Scenes
 from .store import Store
 
-ROUNDING = 8 * np.finfo(float).eps  # every value is assumed to have at least this relative error
 SKIPPABLE = ("risk", "methods", "spread")  # valid names in `skip`
 
 
@@ -174,43 +171,6 @@ def _compute(entry: Entry, kind: Kind, scenes: Scenes) -> Check:
     )
 
 
-def statistic_of(values: Values, statistic: str, is_minimum: bool) -> tuple[float, float, int]:
-    """Return the statistic of values [SI], its estimated error [SI], and the index of the governing value.
-    The largest value governs, or the least for a minimum.
-
-    - `values`: values of a check; ±inf for scenes that overturn, NaN for scenes without an answer. The
-      governing value is the largest or least of the others; the other statistics become NaN
-    - `statistic`: "max" (the governing value), "mean", "median", or "p84": the 84 % quantile, or the 16 %
-      quantile for a minimum
-    - `is_minimum`: whether the value must be at least the limit
-    """
-    y, errors = values.values, np.where(np.isfinite(values.errors), values.errors, 0.0)
-    errors = np.maximum(errors, ROUNDING * np.abs(np.where(np.isfinite(y), y, 0.0)))
-    last = math.inf if is_minimum else -math.inf
-    governing = int((np.argmin if is_minimum else np.argmax)(np.where(np.isnan(y), last, y)))
-    if statistic == "max":
-        return float(y[governing]), float(errors[governing]), governing
-    if statistic == "mean":
-        return float(np.mean(y)), float(np.mean(errors)), governing
-    share = {"median": 0.5, "p84": 0.84}[statistic]
-    share = 1 - share if is_minimum else share
-    return _quantile(y, share), float(errors.max()), governing
-
-
-def _quantile(y: np.ndarray, share: float) -> float:
-    """Return a quantile by linear interpolation between the two nearest values. It is infinite if one of
-    these is infinite and has a nonzero weight, and NaN if any value is."""
-    if np.isnan(y).any():
-        return math.nan
-    ordered = np.sort(y)
-    position = share * (len(ordered) - 1)
-    low, high = math.floor(position), math.ceil(position)
-    weight = position - low
-    if weight == 0:
-        return float(ordered[low])
-    return float((1 - weight) * ordered[low] + weight * ordered[high])
-
-
 def utilisations_of(
     value: float, error: float, limit: float, is_minimum: bool, error_factor: float = SAFETY
 ) -> tuple[float, float, float]:
@@ -302,10 +262,11 @@ def _repeat(check: Check, scenes: Scenes, law: str | None = None, variation: str
 
 
 def _spread(check: Check, scenes: Scenes) -> dict[str, tuple[float, float]]:
-    """Return input → (U with the input decreased, U with the input increased) [–]."""
+    """Return input → (U with the input decreased, U with the input increased) [–]; U is NaN for a change that
+    is not possible."""
     varied = {variation: _repeat(check, scenes, variation=variation)[0][1] for variation in scenes.variations}
     names = dict.fromkeys(variation[:-1] for variation in scenes.variations)
-    return {name: (varied[f"{name}-"], varied[f"{name}+"]) for name in names}
+    return {name: tuple(varied.get(f"{name}{sign}", math.nan) for sign in "-+") for name in names}
 
 
 def _laws(check: Check, scenes: Scenes) -> dict[str, tuple[float, str]]:

@@ -39,7 +39,8 @@ class Check:
     - `values`: the values of all motions or pulses; None if the check was not made
     - `sensitivities`: input y → d ln U/d ln y; "motion" is the factor on the motions. If there are none,
       `no_slopes` is the reason
-    - `spread`: input → (U with the input decreased, U with the input increased); empty if not computed
+    - `spread`: input → (U with the input decreased, U with the input increased); empty if not computed. U is
+      NaN if the change is not possible, or a changed scene has no answer
     - `laws`: law of impact → (U, result if violated assumptions are ignored); empty if not computed
     """
 

@@ -48,8 +48,13 @@ def problem_of(table: Mapping[str, Any], path: Path) -> Problem:
             "structure", "is missing; a report needs the table [structure], with ratios or dimensions"
         )
     podium = reader.structure(file.structure)
-    sets = {}
+    sets: dict[str, MotionSet] = {}
     for name in file.motions:
+        if name.lower() in map(str.lower, sets):
+            reader.fail(
+                f"motions.{name}",
+                "is the name of another set; choose another name (upper and lower case do not count)",
+            )
         members = tuple(reader.members(file.motions, name, podium))
         names = make_unique([_name(member) for member in members])
         sets[name] = MotionSet(name, file.report.motions.get(name, name), members, tuple(names))
@@ -60,7 +65,8 @@ def problem_of(table: Mapping[str, Any], path: Path) -> Problem:
     if not checks:
         reader.fail("checks", "is missing; a report needs [[checks]] or [[targets]]")
     inputs = tuple(
-        Input(key, value, file.sources.get(f"structure.{key}")) for key, value in _inputs(file.structure)
+        Input(key, value, file.sources.get(f"structure.{key}") or None)
+        for key, value in _inputs(file.structure)
     )
     keys = {f"structure.{entry.key}" for entry in inputs} | set(_paths(table))
     for name in file.sources:
@@ -137,11 +143,13 @@ def read_checks(
             with reader.errors_at(f"{part}[{k}]"):
                 entry = _entry(reader, table, file, podium, f"{part}[{k}]", given)
             identity = entry.id or f"{'C' if part == 'checks' else 'T'}{k + 1}"
-            if identity in used_ids:
+            if identity.lower() in used_ids:
                 reader.fail(
-                    f"{part}[{k}].id", f"{identity!r} is the id of another check; give each check its own id"
+                    f"{part}[{k}].id",
+                    f"{identity!r} is the id of another check; give each check its own id "
+                    "(upper and lower case do not count)",
                 )
-            used_ids.add(identity)
+            used_ids.add(identity.lower())
             motions = None
             if KINDS[entry.kind].uses_motions(entry.arguments):
                 motions = reader.require_set(file.motions, entry.motions, f"{part}[{k}].motions")

@@ -104,6 +104,9 @@ def _estimate_uplift_factors(scenes: Scenes, motions: MotionSet) -> np.ndarray:
     # The first factors are 0.3 times those that lift a rigid structure. If the columns lift nevertheless,
     # because of vibrations or vertical motion, the factors are reduced.
     largest = np.array([_largest_acceleration(y) for y in motions.excitations])
+    if not largest.all():
+        name = motions.names[int(np.argmin(largest))]
+        raise ValueError(f"{name} has no horizontal acceleration, so no factor on it lifts the columns")
     factors = 0.3 * float(podium.uplift_ground_acceleration) / largest
     for _ in range(20):
         excitations = [y.scaled(f) for y, f in zip(motions.excitations, factors, strict=True)]

@@ -64,13 +64,28 @@ class Scenes:
         if self.progress is not None:
             self.progress.describe(text)
 
+    def update(self, count: int = 1) -> None:
+        """Show that `count` more scenes were solved. Raise `Interrupted` if Ctrl-C has ended the report."""
+        self.store.raise_if_stopped()
+        if self.progress is not None:
+            self.progress.update(count)
+
     @functools.cached_property
     def variations(self) -> tuple[str, ...]:
         """Names of the variations; empty unless `with_spread`. With the key `spread` of the table `[report]`,
         "width-" multiplies the input `width` by 1 − spread, and "width+" by 1 + spread. "motion-" and
-        "motion+" multiply all motions by these factors."""
+        "motion+" multiply all motions by these factors. Variations without a valid structure, such as a
+        factor of restitution above 1, are left out."""
+
+        def is_valid(variation: str) -> bool:
+            try:
+                self.podium(None, variation)
+            except ValueError:
+                return False
+            return True
+
         names = (*self.problem.variables, "motion") if self.with_spread else ()
-        return tuple(f"{name}{sign}" for name in names for sign in "-+")
+        return tuple(filter(is_valid, (f"{name}{sign}" for name in names for sign in "-+")))
 
     @functools.cached_property
     def laws(self) -> tuple[str, ...]:
@@ -208,8 +223,8 @@ class Scenes:
 
         from rockjax._batch.batch import peak_responses
 
-        progress, objects = self.progress or False, tuple(on_floors.values())
-        peaks = peak_responses(podium, excitations, options=options, progress=progress, on_floors=objects)
+        objects = tuple(on_floors.values())
+        peaks = peak_responses(podium, excitations, options=options, progress=self, on_floors=objects)
         data = xarray.Dataset(data_variables(peaks, options.outputs, dims))
         answers = dict(zip(on_floors, peaks.on_floors, strict=True))
         # Blocks have the dim `contents`, and oscillators the dim `oscillator`.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import re
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -41,6 +42,7 @@ def fingerprint(*values: Any) -> str:
 
 # Arguments of `Store.get`: name, fingerprint, and function that computes the dataset.
 Stored = tuple[str, str, Callable[[], "xarray.Dataset"]]
+_GROUP_NAME = re.compile(r"[\w .()-]{1,100}")
 MIN_WRITE_INTERVAL = 30.0  # least time between two writes of an unfinished store [s]
 
 
@@ -63,23 +65,29 @@ class Store:
             self._load(candidate)
 
     def _load(self, path: Path) -> None:
-        """Read the datasets of an earlier report from a file. A file that is missing, damaged or of another
-        kind is ignored."""
+        """Read the datasets of an earlier report from a file. A file that is missing or damaged is ignored.
+        Raises `ValueError` for the results of another command, because the report would replace them."""
         if not path.exists():
             return
         import xarray
 
-        loaded = {}
+        loaded, kind = {}, "report"
         try:
             # The datasets have no times and no packed numbers, so xarray need not look for them.
             groups = xarray.open_groups(path, engine="netcdf4", decode_times=False, mask_and_scale=False)
-            for name, data in groups.items():
+            kind = groups["/"].attrs.get("kind", kind)
+            for data in groups.values():
                 if "fingerprint" in data.attrs:
-                    loaded[name.strip("/")] = data.load()
+                    loaded[data.attrs["name"]] = data.load()
             for data in groups.values():  # after the last is read, because all share the open file
                 data.close()
         except (OSError, ValueError, KeyError):
             return
+        if kind != "report":
+            raise ValueError(
+                f"{path} holds results of kind {kind!r}, which the report would replace; choose another name "
+                "for the report, or move this file"
+            )
         self.data |= loaded
 
     def get(self, name: str, inputs_hash: str, compute: Callable[[], xarray.Dataset]) -> xarray.Dataset:
@@ -93,12 +101,15 @@ class Store:
             return self.data[name]
         started_hash, future = self._started.pop(name, ("", None))
         data = future.result() if future is not None and started_hash == inputs_hash else compute()
-        data.attrs["fingerprint"] = inputs_hash
-        self.data[name] = data
-        self.computed += 1
+        self._add(name, inputs_hash, data)
         if time.monotonic() - self.last_write > MIN_WRITE_INTERVAL:
             self.save_unfinished()
         return data
+
+    def _add(self, name: str, inputs_hash: str, data: xarray.Dataset) -> None:
+        data.attrs |= {"name": name, "fingerprint": inputs_hash}
+        self.data[name] = data
+        self.computed += 1
 
     def start(self, name: str, inputs_hash: str, compute: Callable[[], xarray.Dataset]) -> bool:
         """Start to compute a dataset in another thread, unless it is stored. `get` waits for the result.
@@ -141,8 +152,12 @@ class Store:
             raise
 
     def save_unfinished(self) -> None:
-        """Write the datasets to NAME.partial.nc, from which a later run continues the report. Do nothing
-        without a path, or if no dataset was computed."""
+        """Write the datasets, also those of other threads, to NAME.partial.nc, from which a later run
+        continues the report. Do nothing without a path, or if no dataset was computed."""
+        for name, (inputs_hash, future) in list(self._started.items()):
+            if future.done() and future.exception() is None:
+                del self._started[name]
+                self._add(name, inputs_hash, future.result())
         if self.path is not None and self.computed:
             self._write(_partial(self.path))
         self.last_write = time.monotonic()
@@ -152,7 +167,7 @@ class Store:
         Return the path; None if the store has no path."""
         if self.path is None:
             return None
-        if self.computed or not self.path.exists():
+        if self.computed or _partial(self.path).exists() or not self.path.exists():
             self._write(self.path)
         _partial(self.path).unlink(missing_ok=True)
         return self.path
@@ -162,9 +177,12 @@ class Store:
 
         from rockjax._files import CONVENTIONS, write_atomically
 
-        # A DataTree opens the file once; `_files.write_dataset` would open it again for every group.
+        # A DataTree opens the file once; `_files.write_dataset` would open it again for every group. Names of
+        # groups must be short, and a "/" would make one group a part of another.
+        names = {name: name if _GROUP_NAME.fullmatch(name) else fingerprint(name) for name in self.data}
+        groups = {names[name]: data for name, data in self.data.items()}
         attrs = {"title": "Scenes of a report", "kind": "report", "Conventions": CONVENTIONS}
-        tree = xarray.DataTree.from_dict({"/": xarray.Dataset(attrs=attrs), **self.data})
+        tree = xarray.DataTree.from_dict({"/": xarray.Dataset(attrs=attrs), **groups})
         write_atomically(path, lambda name: tree.to_netcdf(name, engine="netcdf4"))
 
 

@@ -11,6 +11,8 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal, TypeAlias
 
+from rockjax._problem.models.fields import NO_VALUE
+
 from . import formulas
 from .units import KINDS, NO_UNIT, Units
 
@@ -36,8 +38,6 @@ STATES: dict[str, Tone] = {
     "not asked": "plain",
     "none": "plain",  # "no impact", "no derivative", "no overturning up to 10"
 }
-# A cell that is blank, a dash, or a name of a missing number.
-_EMPTY = re.compile(r"[\s\-–—−.…]*|None|[-+−]?\s*(?i:nan|inf|infinity|∞|null|nat)")
 _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 SPACE = "\N{NO-BREAK SPACE}"
 
@@ -454,7 +454,7 @@ def checked_text(text: Any, owner: str, *, may_be_empty: bool = False) -> Text:
         )
     else:
         raise ValueError(f"{owner} must be a string or a tuple of parts, got {text!r}")
-    if _EMPTY.fullmatch(visible) and not (may_be_empty and not text):
+    if NO_VALUE.fullmatch(visible) and not (may_be_empty and not text):
         raise ValueError(f"{owner} must be text other than a blank, a dash, nan, inf or None; got {text!r}")
     return text
 

@@ -130,6 +130,9 @@ def test_every_output_with_a_peak_has_a_kind_of_check():
         ('kind = "peak-friction"\nlimit = "joints.frictoin"', "must be a number or a key of this file"),
         ('kind = "no-overturning"\nlimit = 1.0', "no-overturning has no limit"),
         ("limit = 1.0", "kind is missing"),
+        ('kind = "peak-rotation"\nlimit = 1.0\nid = " "', r"checks\[0\].id: must be a text other than"),
+        ('kind = "peak-rotation"\nlimit = 1.0\nclause = "nan"', r"checks\[0\].clause: must be a text"),
+        ('kind = "by-others"\ntext = "–"', r"checks\[0\].text: must be a text"),
     ],
 )
 def test_wrong_checks(tmp_path, check, message):
@@ -142,6 +145,12 @@ def test_wrong_files(tmp_path):
         problem(tmp_path, "")
     with pytest.raises(ValueError, match="is the id of another check"):
         problem(tmp_path, (CHECK + 'id = "A"\n') * 2)
+    with pytest.raises(ValueError, match="'a' is the id of another check"):
+        problem(tmp_path, CHECK + 'id = "A"\n' + CHECK + 'id = "a"\n')
+    with pytest.raises(ValueError, match=r"motions.Pulses: is the name of another set"):
+        problem(tmp_path, CHECK, FILE + FILE[FILE.index("[motions") :].replace("pulses", "Pulses"))
+    with pytest.raises(ValueError, match=r"motions.nan: must be a text .*, got 'nan'"):
+        problem(tmp_path, CHECK, FILE.replace("motions.pulses", "motions.nan"))
     with pytest.raises(ValueError, match="is not a key of this file"):
         problem(tmp_path, CHECK, '[sources]\n"structure.widht" = "drawing"\n' + FILE)
 

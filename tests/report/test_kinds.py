@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+import xarray
 
 import optimise
 import rockjax as rj
@@ -11,7 +12,9 @@ from optimise._problem import TARGETS
 from rockjax._report.assemble import page_of
 from rockjax._report.entry import Entry
 from rockjax._report.evaluate import evaluate
-from rockjax._report.kinds import KINDS, check_model
+from rockjax._report.kinds import KINDS, check_model, peaks
+from rockjax._report.kinds.base import statistic_of
+from rockjax._report.kinds.searches import searched_values
 from rockjax._report.scales import boundary_options, least_factors
 from rockjax._report.scenes import Needs, Scenes
 from rockjax._report.store import Store
@@ -120,6 +123,17 @@ def test_columns_so_stocky_that_no_factor_of_restitution_is_positive(tmp_path):
     assert found.laws["compatible"][0] == found.utilisation
     low, high = found.spread["motion"]
     assert low < found.utilisation < high
+
+
+def test_a_change_without_a_valid_structure_is_left_out(tmp_path):
+    check = '[[checks]]\nkind = "peak-rotation"\nlimit = 0.9\n'
+    file = FILE.replace("height = 3.0", "height = 3.0\nrestitution = 0.98")
+    report = rj.report(read(tmp_path, check, file), skip=("methods",))
+    low, high = report.evaluation.checks[0].spread["restitution"]
+    assert low > 0
+    assert np.isnan(high)
+    row = next(row for row in report.tables["influences-c1"].rows if row[0].text == "restitution")
+    assert (row[2].value, row[3].text) == (low, "no value")
 
 
 def test_share_of_motions_that_overturn(tmp_path):
@@ -366,4 +380,72 @@ def test_a_search_without_overturning_is_not_an_open_joint(tmp_path):
     assert (row.value.state, row.value.tone) == ("none", "plain")
     (check,) = evaluate(read(tmp_path, SCALE.replace("1.5", "15.0"), file), skip=("spread",)).checks
     assert check.result == "UNDECIDED"
-    assert check.reason.endswith("have no decided answer: the limit exceeds the searched range")
+    assert check.reason.endswith("have no decided answer: the limit exceeds what the searched range shows")
+
+
+@pytest.mark.parametrize(
+    ("statistic", "limit"), [("max", 11.0), ("mean", 8.0), ("median", 8.0), ("p84", 4.0)]
+)
+def test_a_search_without_overturning_gives_a_lower_bound(tmp_path, statistic, limit):
+    """A factor that was not found exceeds the searched ones, but may be close to them."""
+    text = SCALE.replace("limit = 1.5", f'limit = {limit}\nstatistic = "{statistic}"')
+    names = ("first", "second")
+    for factors, is_decided in (((np.inf, np.inf), limit < 10), ((2.0, np.inf), False), ((2.0, 3.0), True)):
+        (entry,) = read(tmp_path, text).checks
+        values = searched_values(np.array(factors), np.zeros(2), 10.0, entry, texts=("", ""), names=names)
+        value, _, _ = statistic_of(values, statistic, True)
+        assert any(values.unanswered) == (not is_decided and value >= limit)
+
+
+STORIES = """
+[structure]
+alpha = 0.2
+R = 2.0
+gamma = 8.0
+[structure.superstructure]
+masses = [4.0, 3.0]
+stiffnesses = [3000.0, 2500.0]
+heights = [3.0, 3.5]
+"""
+STORIES_BY_DIMENSIONS = """
+[structure]
+width = 0.6
+height = 3.0
+column_mass = 2700.0
+story_masses = [3e4, 2e4]
+story_stiffnesses = [3e7, 2e7]
+story_heights = [3.0, 3.5]
+"""
+
+
+@pytest.mark.parametrize(
+    ("structure", "key"),
+    [(STORIES, "superstructure.heights"), (STORIES_BY_DIMENSIONS, "story_heights")],
+)
+def test_drift_ratios_change_with_the_heights(tmp_path, monkeypatch, structure, key):
+    """Changed heights of stories change the drift ratios, but not the drifts."""
+    file = structure + FILE[FILE.index("[motions") :]
+    problem = read(tmp_path, '[[checks]]\nkind = "peak-drift-ratio"\nlimit = 0.01\n', file)
+    drifts = np.array([[0.01, 0.02], [0.03, 0.01]])
+    data = {"peak_drift": (("motion", "story"), drifts), "peak_drift_error": (("motion", "story"), drifts)}
+    data |= {name: ("motion", np.zeros(2, int)) for name in ("overturned", "result")}
+    monkeypatch.setattr(Scenes, "_peaks", lambda *arguments: xarray.Dataset(data))
+    scenes, (entry,) = Scenes(problem, Store(), {}), problem.checks
+    kind = KINDS[entry.kind]
+    assert key in problem.variables
+    expected = kind.values(entry, scenes).values / 1.05
+    assert kind.values(entry, scenes, variation=f"{key}+").values == pytest.approx(expected)
+    answers = {"peak_drift": (drifts[0], np.zeros((2, len(problem.variables) + 1)))}
+    monkeypatch.setattr(peaks, "scene_answers", lambda *arguments: answers)
+    value, slopes = kind.slopes_function(entry, scenes, 0)()
+    expected = [-1.0 if name == key else 0.0 for name in (*problem.variables, "motion")]
+    assert np.asarray(slopes) / value == pytest.approx(expected)
+
+
+def test_a_motion_without_acceleration_lifts_nothing(tmp_path):
+    problem = read(tmp_path, '[[checks]]\nkind = "uplift-scale"\nlimit = 1.0\n', FILE.replace("2.5", "0.0"))
+    (check,) = evaluate(problem, skip=("spread",)).checks
+    assert (check.result, check.reason) == (
+        "NOT MADE",
+        "ValueError: Ricker(0, 1) has no horizontal acceleration, so no factor on it lifts the columns",
+    )

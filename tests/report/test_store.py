@@ -79,3 +79,48 @@ def test_an_interruption_stops_started_computations(tmp_path):
         interrupt()
     assert ended.wait(10)
     assert list(Store(tmp_path / "page.nc").data) == ["b"]
+
+
+@pytest.mark.parametrize("name", ["peaks.a/b", "peaks.проект", "slopes." + 300 * "x", "slopes./", "a b (1)"])
+def test_every_name_is_read_back(tmp_path, name):
+    """Also beside a name that is its beginning, and with coordinates of another length."""
+    store = Store(tmp_path / "page.nc")
+    for size, key in enumerate(("peaks.a", "slopes.x", name), 1):
+        data = numbers(2.0).assign_coords(x=np.arange(size))
+        store.get(key, key, lambda data=data: data)
+    store.save()
+    again = Store(tmp_path / "page.nc")
+    assert again.data.keys() == store.data.keys()
+    for key, data in store.data.items():
+        assert again.data[key].equals(data)
+
+
+def test_an_interruption_keeps_what_other_threads_have_computed(tmp_path):
+    store = Store(tmp_path / "page.nc")
+    store.start("a", "inputs", lambda: numbers(2.0))
+    store._started["a"][1].result(10)
+    with pytest.raises(KeyboardInterrupt), store.saved_on_interruption():
+        raise KeyboardInterrupt
+    again = Store(tmp_path / "page.nc")
+    assert list(again.data) == ["a"]
+    again.save()  # nothing is computed, but the unfinished file is newer
+    assert list(Store(tmp_path / "page.nc").data) == ["a"]
+
+
+def test_a_complete_unfinished_file_replaces_an_older_report(tmp_path):
+    for value in (1.0, 2.0):
+        store = Store(tmp_path / "page.nc")
+        store.get("a", str(value), lambda value=value: numbers(value))
+        store.save() if value == 1.0 else store.save_unfinished()
+    Store(tmp_path / "page.nc").save()
+    assert float(Store(tmp_path / "page.nc").data["a"]["y"]) == 2.0
+
+
+def test_results_of_another_command_are_not_replaced(tmp_path):
+    path = tmp_path / "study.nc"
+    numbers(1.0).assign_attrs(kind="fragility").to_netcdf(path)
+    with pytest.raises(ValueError, match="holds results of kind 'fragility'"):
+        Store(path)
+    path.rename(tmp_path / "page.partial.nc")
+    with pytest.raises(ValueError, match="holds results of kind 'fragility'"):
+        Store(tmp_path / "page.nc")

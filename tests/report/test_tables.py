@@ -1,11 +1,13 @@
 """Tables of reports: cells reject non-numbers, and numbers have the correct digits."""
 
 import math
+import re
 
 import numpy as np
 import pytest
 
 from rockjax._report import blocks
+from rockjax._report.cells import slug
 from rockjax._report.tables import (
     Bare,
     Column,
@@ -199,3 +201,11 @@ def test_digits_of_random_numbers():
         used = 1 + float(draw.choice([-1, 1]) * 10 ** draw.uniform(-15, 0))
         seen = number(format_number(Quantity(used, "utilisation"), UNITS))
         assert (seen > 1, seen < 1) == (used > 1, used < 1)
+
+
+def test_names_of_tables_of_different_sets_differ():
+    names = ["design", "a b", "a-b", "a.b", "проект", "предел", 60 * "x", 61 * "x"]
+    slugs = [slug(name) for name in names]
+    assert len(set(slugs)) == len(names)
+    assert slugs[0] == "design"
+    assert all(re.fullmatch("[a-z0-9-]{1,60}", y) for y in slugs)

@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic import Field
 
-from .fields import ACCURACY, STRUCTURE, Count, Index, Keys, Positive, key
+from .fields import ACCURACY, STRUCTURE, Count, Index, Keys, Name, Positive, Text, key
 from .fields import GRID as GRID
 from .fields import MACHINES as MACHINES
 from .fields import MOTION as MOTION
@@ -48,7 +48,7 @@ class Problem(Keys):
     """A problem file: tables that several commands share, and a table for each command."""
 
     structure: Structure | None = key(None, "The structure, by ratios or by dimensions.")
-    motions: dict[str, MotionSet] = key({}, "Sets of motions, by names that you choose.")
+    motions: dict[Name, MotionSet] = key({}, "Sets of motions, by names that you choose.")
     contents: list[Contents] = key([], "Blocks on the floors, for response, fragility and design.")
     oscillators: list[Oscillator] = key([], "Oscillators on the floors, for response and design.")
     options: Options = Field(default_factory=Options)
@@ -65,7 +65,7 @@ class Problem(Keys):
     project: Project = Field(default_factory=Project)
     joints: JointKeys = Field(default_factory=JointKeys)
     report: ReportKeys = Field(default_factory=ReportKeys)
-    sources: dict[str, str] = key({}, "Where inputs come from: key of this file → source, for the report.")
+    sources: dict[str, Text] = key({}, "Where inputs come from: key of this file → source, for the report.")
     checks: Any = key(None, "Checks of the report.")
     # Keys of `rockjax design`, whose full models are in `optimise`.
     starts: Count | None = key(None, "Number of starting points; by default 1.", ACCURACY)

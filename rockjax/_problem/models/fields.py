@@ -4,6 +4,7 @@ class of all tables."""
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
@@ -101,6 +102,11 @@ Amplitudes = Annotated[
 Levels = Annotated[
     Ends, satisfying(lambda y: 0 < y[0] <= y[1]), described_as(f"{_ENDS} 0 < lowest <= highest")
 ]
+# Texts that mean "no value". Tables of reports must not show them, so names and texts must differ from them.
+NO_VALUE = re.compile(r"[\s\-–—−.…]*|None|[-+−]?\s*(?i:nan|inf|infinity|∞|null|nat)")
+_TEXT = "a text other than a blank, a dash, nan, inf or None"
+Name = Annotated[str, satisfying(lambda y: not NO_VALUE.fullmatch(y)), described_as(_TEXT)]
+Text = Annotated[str, satisfying(lambda y: not y or not NO_VALUE.fullmatch(y)), described_as(_TEXT)]
 if TYPE_CHECKING:
     PulseName = str
 else:

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from .fields import Keys, Points, Positive, described_as, key
+from .fields import Keys, Points, Positive, Text, described_as, key
 
 
 class EnvelopeKeys(Keys):
@@ -33,13 +33,13 @@ class GaussianKeys(Keys):
 class Project(Keys):
     """Texts in the report of `rockjax report`. They change no number."""
 
-    title: str | None = key(None, "Title of the report; by default the name of the file.")
-    subject: str | None = key(None, "Subject of the report.")
-    number: str | None = key(None, "Number of the project.")
-    revision: str | None = key(None, "Revision of the report.")
-    author: str | None = key(None, "Author of the report.")
-    organisation: str | None = key(None, "Organisation of the author.")
-    date: str | None = key(None, "Date of the report; by default SOURCE_DATE_EPOCH, else today.")
+    title: Text | None = key(None, "Title of the report; by default the name of the file.")
+    subject: Text | None = key(None, "Subject of the report.")
+    number: Text | None = key(None, "Number of the project.")
+    revision: Text | None = key(None, "Revision of the report.")
+    author: Text | None = key(None, "Author of the report.")
+    organisation: Text | None = key(None, "Organisation of the author.")
+    date: Text | None = key(None, "Date of the report; by default SOURCE_DATE_EPOCH, else today.")
 
 
 class JointKeys(Keys):
@@ -60,4 +60,4 @@ class ReportKeys(Keys):
     laws: list[Literal["paper", "compatible"]] = key(
         ["paper", "compatible"], "Laws of impact that are compared with the law of the structure."
     )
-    motions: dict[str, str] = key({}, "Labels of the sets of motions, such as '475 years'.")
+    motions: dict[str, Text] = key({}, "Labels of the sets of motions, such as '475 years'.")

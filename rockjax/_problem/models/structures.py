@@ -23,6 +23,7 @@ from .fields import (
     OneOrMore,
     Positive,
     Positives,
+    Text,
     described_as,
     key,
     require_one,
@@ -190,7 +191,7 @@ _NAME = "Name in tables and reports; by default the name of the table and a numb
 class Contents(Keys):
     """A light block on a floor, defined by alpha and R or by width and height, as `rockjax.Contents`."""
 
-    name: str | None = key(None, _NAME)
+    name: Text | None = key(None, _NAME)
     alpha: Annotated[float, Field(gt=0, lt=math.pi / 2)] | None = key(None, "Slenderness α_c [rad].")
     R: Positive | None = key(None, "Half diagonal R_c [m].")
     width: Positive | None = key(None, "Full width [m], instead of alpha and R.")
@@ -220,7 +221,7 @@ class Contents(Keys):
 class Oscillator(Keys):
     """A light linear oscillator on a floor, as `rockjax.Oscillator`."""
 
-    name: str | None = key(None, _NAME)
+    name: Text | None = key(None, _NAME)
     period: Positive = key(..., "Natural period T_e [s].")
     damping: Annotated[float, Field(ge=0, lt=1), described_as("a number in [0, 1)")] = key(
         0.05, "Damping ratio ζ [–]."

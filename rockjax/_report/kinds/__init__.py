@@ -58,7 +58,7 @@ _FAILURE = {
     ),
     "seed": (models.Index, "Seed of the samples."),
 }
-_OTHERS = {"text": (str, "What is checked."), "reference": (str, "Where it is checked.")}
+_OTHERS = {"text": (models.Text, "What is checked."), "reference": (models.Text, "Where it is checked.")}
 _KINDS: tuple[Kind, ...] = (
     *peak_kinds(),
     NoOverturning("no-overturning", "No motion overturns the columns", "number", has_limit=False),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import abc
 import dataclasses
+import math
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from rockjax._problem.reading import Reader
     from rockjax._structures import Podium
 
+ROUNDING = 8 * np.finfo(float).eps  # every value is assumed to have at least this relative error
 STATISTICS = {"max": "largest", "mean": "mean", "median": "median", "p84": "84 % quantile"}
 STATISTICS_OF_MINIMA = STATISTICS | {"max": "least", "p84": "16 % quantile"}
 
@@ -60,6 +62,43 @@ def one_value(value: float, error: float = np.nan, **fields: Any) -> Values:
     return Values(
         np.array([value]), np.array([error]), ("",), ("",), fields.pop("unanswered", ()), (), **fields
     )
+
+
+def statistic_of(values: Values, statistic: str, is_minimum: bool) -> tuple[float, float, int]:
+    """Return the statistic of values [SI], its estimated error [SI], and the index of the governing value.
+    The largest value governs, or the least for a minimum.
+
+    - `values`: values of a check; ±inf for scenes that overturn, NaN for scenes without an answer. The
+      governing value is the largest or least of the others; the other statistics become NaN
+    - `statistic`: "max" (the governing value), "mean", "median", or "p84": the 84 % quantile, or the 16 %
+      quantile for a minimum
+    - `is_minimum`: whether the value must be at least the limit
+    """
+    y, errors = values.values, np.where(np.isfinite(values.errors), values.errors, 0.0)
+    errors = np.maximum(errors, ROUNDING * np.abs(np.where(np.isfinite(y), y, 0.0)))
+    last = math.inf if is_minimum else -math.inf
+    governing = int((np.argmin if is_minimum else np.argmax)(np.where(np.isnan(y), last, y)))
+    if statistic == "max":
+        return float(y[governing]), float(errors[governing]), governing
+    if statistic == "mean":
+        return float(np.mean(y)), float(np.mean(errors)), governing
+    share = {"median": 0.5, "p84": 0.84}[statistic]
+    share = 1 - share if is_minimum else share
+    return _quantile(y, share), float(errors.max()), governing
+
+
+def _quantile(y: np.ndarray, share: float) -> float:
+    """Return a quantile by linear interpolation between the two nearest values. It is infinite if one of
+    these is infinite and has a nonzero weight, and NaN if any value is."""
+    if np.isnan(y).any():
+        return math.nan
+    ordered = np.sort(y)
+    position = share * (len(ordered) - 1)
+    low, high = math.floor(position), math.ceil(position)
+    weight = position - low
+    if weight == 0:
+        return float(ordered[low])
+    return float((1 - weight) * ordered[low] + weight * ordered[high])
 
 
 @dataclasses.dataclass(frozen=True)

@@ -217,7 +217,7 @@ def peak_kinds() -> list[Kind]:
             variable="peak_drift",
             factor=_per_height,
             needs=_needs_heights,
-            powers=(("story_heights", -1.0),),
+            powers=(("story_heights", -1.0), ("superstructure.heights", -1.0)),
         ),
         PeakKind(
             "contact-pressure",

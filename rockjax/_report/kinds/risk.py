@@ -322,7 +322,7 @@ def _fragility(scenes: Scenes, name: str, named_measure: tuple[str, float | None
         names=motions.names,
         sensitivities=settings.sensitivities,
         options=problem.options,
-        progress=scenes.progress or False,
+        progress=scenes,
     )
     curve = fragility(analysis, method=settings.method, confidence=settings.confidence)
     return curve.assign(scale=("record", analysis["capacity"].values / np.asarray(measure.values)))

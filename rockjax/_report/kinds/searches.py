@@ -32,32 +32,40 @@ from rockjax._report.tables import Table
 from rockjax._structures import Podium, g_tan_alpha
 from rockjax._types import Value
 
-from .base import Kind, Values
+from .base import Kind, Values, statistic_of
 
 if TYPE_CHECKING:
     import xarray
 
 
 def searched_values(
-    values: np.ndarray, errors: np.ndarray, end: float, limit: float, **fields: Any
+    values: np.ndarray, errors: np.ndarray, end: float, entry: Entry, **fields: Any
 ) -> Values:
     """Return the `Values` of a search.
 
     - `values`, `errors`: fields of `Values`, (n,); a value is inf if the search found nothing
-    - `end`, `limit`: largest searched value, and limit of the check, in the unit of the values. If `end` is
-      below `limit`, a value of inf does not decide the check
+    - `end`: largest searched value, in the unit of the values. Values of inf are only known to exceed it.
+      They do not decide the check if its statistic would violate the limit with `end` in their place
+    - `entry`: the entry of the check
     - `fields`: other fields of `Values`
     """
     is_missing = ~np.isfinite(values)
-    undecided = "the limit exceeds the searched range" if limit > end else ""
-    return Values(
+    result = Values(
         values,
         errors,
         locations=("",) * len(values),
-        unanswered=tuple(undecided if missing else "" for missing in is_missing),
+        unanswered=("",) * len(values),
         states=tuple("none" if missing else "" for missing in is_missing),
         **fields,
     )
+    greatest, least = (
+        statistic_of(result._replace(values=y), entry.keys.statistic, True)[0]
+        for y in (values, np.where(is_missing, end, values))
+    )
+    if not greatest >= entry.limit > least:
+        return result
+    reason = "the limit exceeds what the searched range shows"
+    return result._replace(unanswered=tuple(reason if missing else "" for missing in is_missing))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,7 +86,7 @@ class ScaleKind(Kind):
         texts = tuple("" if np.isfinite(y) else f"no {self.event} up to {end:.3g}" for y in values)
         names = scenes.motion_set(str(entry.motions)).names
         errors = np.asarray(data["error"], float)
-        return searched_values(values, errors, end, entry.limit, texts=texts, names=names)
+        return searched_values(values, errors, end, entry, texts=texts, names=names)
 
     def slopes_function(self, entry: Entry, scenes: Scenes, case: int) -> SlopesFunction | None:
         return least_factor_slopes(scenes, self.event, str(entry.motions), case)
@@ -147,7 +155,7 @@ class PulseKind(Kind):
         errors = np.where(np.isfinite(amplitudes), amplitudes * BOUNDARY_ERROR, np.nan)
         podium = scenes.problem.podium
         largest = end * float(g_tan_alpha(podium.alpha, podium.g) / self._unit(entry, podium))
-        return searched_values(amplitudes, errors, largest, entry.limit, texts=texts, names=names)
+        return searched_values(amplitudes, errors, largest, entry, texts=texts, names=names)
 
     def slopes_function(self, entry: Entry, scenes: Scenes, case: int) -> SlopesFunction:
         return slopes_of(scenes.problem, lambda podium, logs: self._amplitude(entry, scenes, case, podium))

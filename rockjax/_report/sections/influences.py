@@ -46,7 +46,10 @@ def _table(check: Check) -> Table:
             slope = number_cell(check.sensitivities[name], "number")
         ends = [TextCell("not computed", "none")] * 2
         if name in check.spread:
-            ends = [number_cell(u, "utilisation", text="no finite value") for u in check.spread[name]]
+            ends = [
+                number_cell(u, "utilisation", text="no value" if math.isnan(u) else "no finite value")
+                for u in check.spread[name]
+            ]
         return TextCell(name), slope, *ends
 
     suffix = f", set {check.motions}" if check.motions else ""

@@ -100,8 +100,8 @@ def _slopes(check: Check) -> Text:
 def _spread(check: Check) -> Text:
     """Return the range of U with changed inputs, and the change that gives the largest U.
 
-    If a change makes U infinite, return the least U and up to three of the changes that make it infinite. If
-    U is infinite even with unchanged inputs, return the least U only.
+    Changes without a value are left out. If a change makes U infinite, return the least U and up to three of
+    the changes that make it infinite. If U is infinite even with unchanged inputs, return the least U only.
     """
     if not check.spread:
         return "not computed"
@@ -109,7 +109,10 @@ def _spread(check: Check) -> Text:
         (u, f"{name} {sign}")
         for name, pair in check.spread.items()
         for u, sign in zip(pair, "−+", strict=True)
+        if not math.isnan(u)
     ]
+    if not changes:
+        return "no value"
     lowest, highest = min(u for u, _ in changes), max(changes)
     infinite = [name for u, name in changes if not math.isfinite(u)]
     if infinite and math.isfinite(check.utilisation):
