@@ -63,19 +63,21 @@ class MotionSet:
 
     @functools.cached_property
     def hashes(self) -> tuple[str, ...]:
-        """SHA-256 of the samples of each record (for two components, two hashes joined by "+"), or of the
-        class and the parameters of each pulse."""
+        """SHA-256 of the samples of each record, or of the class and the parameters of each pulse; for two
+        components, two hashes joined by "+"."""
 
-        def hash_of(member: Any) -> str:
-            if not isinstance(member, Motion):
-                leaves = np.array([float(y) for y in jax.tree.leaves(member)])
-                return hashlib.sha256(f"{type(member).__name__} {leaves.tolist()}".encode()).hexdigest()
-            horizontal = sha256(member.acceleration)
-            if member.vertical is None:
-                return horizontal
-            return f"{horizontal}+{sha256(member.vertical.acceleration)}"
+        def hash_of(component: Any) -> str:
+            if isinstance(component, Motion):
+                return sha256(component.acceleration)
+            leaves = [float(y) for y in jax.tree.leaves(component)]
+            return hashlib.sha256(f"{type(component).__name__} {leaves}".encode()).hexdigest()
 
-        return tuple(map(hash_of, self.members))
+        def components(member: Any) -> list[Any]:
+            horizontal = getattr(member, "horizontal", member)
+            vertical = getattr(member, "vertical", None)
+            return [horizontal] if vertical is None else [horizontal, vertical]
+
+        return tuple("+".join(map(hash_of, components(member))) for member in self.members)
 
     @property
     def identities(self) -> tuple[str, ...]:

@@ -73,9 +73,9 @@ def _stored_search(scenes: Scenes, name: str, event: str) -> Stored:
     return f"scales.{name}.{event}", inputs_hash, lambda: solve(scenes, motions)
 
 
-def just_below(factors: np.ndarray, end: float = MAX_SCALE) -> np.ndarray:
-    """Return factors just below the boundaries `factors`. Where `factors` is inf because no boundary was
-    found, return the end of the search, `end`."""
+def just_below(factors: np.ndarray, end: float | np.ndarray = MAX_SCALE) -> np.ndarray:
+    """Return factors just below the boundaries `factors`. Where `factors` is not finite, because no boundary
+    was found, return the end of the search, `end`."""
     return np.where(np.isfinite(factors), JUST_BELOW * factors, end)
 
 

@@ -29,11 +29,11 @@ if TYPE_CHECKING:
 
 
 class Needs(NamedTuple):
-    """Needs of the checks of a set of motions: outputs, and objects on floors (name → block or
+    """Needs of the checks of a set of motions: outputs, and objects on floors ((dim, name) → block or
     oscillator)."""
 
     outputs: dict[str, None] = {}  # an ordered set
-    on_floors: dict[str, Any] = {}
+    on_floors: dict[tuple[str, str], Any] = {}
 
 
 class Scenes:
@@ -119,8 +119,8 @@ class Scenes:
         """Return the options of the scenes of a set."""
         return self.problem.options.replace(outputs=self.outputs(name), throw=False)
 
-    def on_floors(self, name: str) -> dict[str, Any]:
-        """Return name → block or oscillator on a floor, for all checks of a set."""
+    def on_floors(self, name: str) -> dict[tuple[str, str], Any]:
+        """Return (dim, name) → block or oscillator on a floor, for all checks of a set."""
         return self.needed.get(name, Needs()).on_floors
 
     # -------------------------------------------------------------------------------------------------- peaks
@@ -181,7 +181,7 @@ class Scenes:
         podium: Podium,
         excitations: Any,
         options: Options,
-        on_floors: dict[str, Any],
+        on_floors: dict[tuple[str, str], Any],
     ) -> xarray.Dataset:
         """Add the estimated errors of blocks and oscillators on floors to peaks, and return the peaks.
 
@@ -211,13 +211,13 @@ class Scenes:
         excitations: Any,
         options: Options,
         dims: tuple[str, ...],
-        on_floors: Mapping[str, Any] = MappingProxyType({}),
+        on_floors: Mapping[tuple[str, str], Any] = MappingProxyType({}),
     ) -> xarray.Dataset:
         """Return the peaks of a batch as a dataset.
 
         - `podium`, `excitations`, `options`: structure, motions and options of the batch
         - `dims`: names of the axes of the batch
-        - `on_floors`: name → block or oscillator; the names become coordinates
+        - `on_floors`: (dim, name) → block or oscillator; the names become coordinates
         """
         import xarray
 
@@ -226,12 +226,7 @@ class Scenes:
         objects = tuple(on_floors.values())
         peaks = peak_responses(podium, excitations, options=options, progress=self, on_floors=objects)
         data = xarray.Dataset(data_variables(peaks, options.outputs, dims))
-        answers = dict(zip(on_floors, peaks.on_floors, strict=True))
-        # Blocks have the dim `contents`, and oscillators the dim `oscillator`.
-        names = {
-            dim: [name for name, answer in answers.items() if isinstance(answer, kind)]
-            for kind, (dim, _) in VARIABLES.items()
-        }
+        names = {dim: [name for of, name in on_floors if of == dim] for dim, _ in VARIABLES.values()}
         return data.assign_coords({dim: labels for dim, labels in names.items() if labels})
 
     def peaks_with_factors(self, label: str, name: str, factors: np.ndarray) -> xarray.Dataset:

@@ -11,7 +11,7 @@ import rockjax as rj
 from optimise._problem import TARGETS
 from rockjax._report.assemble import page_of
 from rockjax._report.entry import Entry
-from rockjax._report.evaluate import evaluate
+from rockjax._report.evaluate import evaluate, needs_of_sets
 from rockjax._report.kinds import KINDS, check_model, peaks
 from rockjax._report.kinds.base import statistic_of
 from rockjax._report.kinds.searches import searched_values
@@ -60,7 +60,7 @@ name = "shelf"
 width = 0.2
 height = 2.0
 [[oscillators]]
-name = "pipe"
+name = "cabinet"
 period = 0.3
 [[checks]]
 kind = "contents-rotation"
@@ -169,8 +169,8 @@ def test_a_check_without_its_input_is_not_made(tmp_path, check, reason):
         (PULSES + 'motions = "pulses"\n', "belongs to no set of motions"),
         (PULSES + 'statistic = "mean"\n', "statistic must be left out"),
         (SHARE + 'statistic = "mean"\n', "statistic must be left out"),
-        (FLOORS + 'oscillators = ["pump"]\n', "oscillators must be some of pipe, got 'pump'"),
-        (FLOORS.replace('name = "pipe"', "level = 2"), "oscillators"),
+        (FLOORS + 'oscillators = ["pump"]\n', "oscillators must be some of cabinet, got 'pump'"),
+        (FLOORS.replace("period = 0.3", "period = 0.3\nlevel = 2"), "oscillators"),
         (FAILURE.replace("n = 61", "n = 1"), r"checks\[0\]\.motion\.n: must be"),
     ],
 )
@@ -254,6 +254,32 @@ def test_a_changed_sampling_interval_solves_the_scenes_again(tmp_path):
         rotations.append(scenes.peaks("noise")["peak_rotation"].values)
         np.testing.assert_array_equal(rotations[-1], expected.peak_rotation)
     assert np.all(rotations[0] != rotations[1])
+
+
+def test_another_pulse_with_vertical_motion_solves_the_scenes_again(tmp_path):
+    """The numbers of the pulses stay the same."""
+    store, rotations = Store(), []
+    for pulse in ("ricker", "one-sine"):
+        file = FILE.replace('"ricker"', f'"{pulse}"\nvertical_ratio = 0.3')
+        scenes = Scenes(read(tmp_path, SCALE, file), store, {})
+        rotations.append(scenes.peaks("pulses")["peak_rotation"].values)
+    assert np.all(rotations[0] != rotations[1])
+
+
+def test_blocks_and_oscillators_may_have_the_same_name(tmp_path):
+    needed = needs_of_sets(read(tmp_path, FLOORS))["pulses"].on_floors
+    assert [name for _, name in needed] == ["cabinet", "shelf", "cabinet"]
+
+
+def test_motions_that_do_not_overturn_are_tested_at_the_end_of_the_search(tmp_path, monkeypatch):
+    problem = read(tmp_path, '[[checks]]\nkind = "median-capacity"\nlimit = 1.0\n')
+    curve = {"scale": ("record", [2.0, np.nan]), "largest_scale": ("record", [4.0, 5.0])}
+    monkeypatch.setattr(Scenes, "peaks_with_factors", lambda scenes, label, name, factors: factors)
+    (entry,) = problem.checks
+    scenes = Scenes(problem, Store(), {})
+    monkeypatch.setattr(scenes.store, "get", lambda *arguments: xarray.Dataset(curve))
+    tested = KINDS["median-capacity"].tested_scenes(entry, scenes)
+    assert tested == pytest.approx([2.0, 5.0], rel=1e-5)
 
 
 def test_windows_of_overturning(tmp_path):

@@ -210,9 +210,9 @@ class Kind(abc.ABC):
         del entry
         return ()
 
-    def on_floors(self, entry: Entry) -> Mapping[str, Any]:
-        """Return the blocks or oscillators on floors (name → object) that the check needs in the scenes of
-        its set of motions."""
+    def on_floors(self, entry: Entry) -> Mapping[tuple[str, str], Any]:
+        """Return the blocks or oscillators on floors that the check needs in the scenes of its set of
+        motions: (dim, name) → object, with their dim in datasets."""
         del entry
         return {}
 

@@ -67,11 +67,11 @@ class FloorKind(Kind):
             return f"The file has no [[{self.table}]]; give such a table."
         return super().missing(entry, problem)
 
-    def on_floors(self, entry: Entry) -> Mapping[str, Any]:
-        return entry.arguments[self.table]
+    def on_floors(self, entry: Entry) -> Mapping[tuple[str, str], Any]:
+        return {(self.dim, name): y for name, y in entry.arguments[self.table].items()}
 
     def values(self, entry: Entry, scenes: Scenes, law: str | None = None, variation: str = "") -> Values:
-        names = list(self.on_floors(entry))
+        names = list(entry.arguments[self.table])
         data = scenes.peaks(str(entry.motions), law, variation).sel({self.dim: names})
         peaks = np.array(data[self.variable].values, float)
         peaks[self._overturned(data)] = np.inf

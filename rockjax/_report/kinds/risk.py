@@ -52,8 +52,8 @@ class FragilityKind(Kind):
         return kind_of_unit(unit_of_measure(measure_of_file(file)[0]))
 
     def curve(self, entry: Entry, scenes: Scenes) -> Any:
-        """Return the result of `rockjax.fragility` for the set, with one more variable: `scale` is the least
-        factor on each motion that overturns the columns."""
+        """Return the result of `rockjax.fragility` for the set, with two more variables: `scale` is the least
+        factor on each motion that overturns the columns, and `largest_scale` the largest searched factor."""
         problem, motions = scenes.problem, scenes.motion_set(str(entry.motions))
         measure = entry.arguments["measure"]
         settings = problem.fragility.model_dump(), measure
@@ -69,7 +69,8 @@ class FragilityKind(Kind):
         return one_value(float(self.curve(entry, scenes)["median_capacity"]))
 
     def tested_scenes(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
-        factors = just_below(self.curve(entry, scenes)["scale"].values)
+        curve = self.curve(entry, scenes)
+        factors = just_below(curve["scale"].values, curve["largest_scale"].values)
         name, measure = str(entry.motions), entry.arguments["measure"][0]
         return scenes.peaks_with_factors(f"boundary.{name}.fragility {measure}", name, factors)
 
@@ -314,10 +315,11 @@ def _fragility(scenes: Scenes, name: str, named_measure: tuple[str, float | None
     scenes.describe(f"fragility of {name}")
     suite = Motions(motions.members)  # pyright: ignore[reportArgumentType]
     measure = measure_of(*named_measure, suite)
+    levels = levels_of(problem.podium, suite, measure, settings.intensity, settings.levels)
     analysis = incremental_dynamic_analysis(
         problem.podium,
         suite,
-        levels_of(problem.podium, suite, measure, settings.intensity, settings.levels),
+        levels,
         measure=measure,
         names=motions.names,
         sensitivities=settings.sensitivities,
@@ -325,7 +327,8 @@ def _fragility(scenes: Scenes, name: str, named_measure: tuple[str, float | None
         progress=scenes,
     )
     curve = fragility(analysis, method=settings.method, confidence=settings.confidence)
-    return curve.assign(scale=("record", analysis["capacity"].values / np.asarray(measure.values)))
+    ends = {"scale": analysis["capacity"].values, "largest_scale": np.asarray(levels)[-1]}
+    return curve.assign({name: ("record", y / np.asarray(measure.values)) for name, y in ends.items()})
 
 
 def _numbers_of(curve: Any) -> list[float]:

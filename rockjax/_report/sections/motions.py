@@ -98,7 +98,7 @@ def _table(evaluation: Evaluation, motions: MotionSet, period: float | None) -> 
             )
         else:
             no_value = TextCell("not computed", "none")
-            amplitude = float(getattr(member, "a_p", np.nan))
+            amplitude = float(getattr(getattr(member, "horizontal", member), "a_p", np.nan))
             rows.append(
                 (
                     TextCell(name),
