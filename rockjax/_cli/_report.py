@@ -54,7 +54,8 @@ def report(
 
     Writes FILE.html, FILE.json (all numbers in SI) and FILE.nc (all scenes). Scenes that FILE.nc already has
     are not solved again, so after a change of a text or a limit in the problem file the report takes seconds.
-    Exit status: 0 if every check passes, 1 if not.
+    Ctrl-C keeps the solved scenes in FILE.partial.nc, and the same command continues from them. Exit status:
+    0 if every check passes, 1 if not.
 
     \b
     Examples:
@@ -74,9 +75,14 @@ def report(
     skipped = tuple(name.strip() for name in skip.split(",") if name.strip())
     problem = problem_of(request.tables, request.path)
     with console.progress(None, "scenes") as bar:
-        written_report = make_report(
-            problem, output, units=units, skip=skipped, progress=_Progress(bar), command=_command()
-        )
+        try:
+            written_report = make_report(
+                problem, output, units=units, skip=skipped, progress=_Progress(bar), command=_command()
+            )
+        except KeyboardInterrupt:
+            if (unfinished := output.with_suffix(".partial.nc")).exists():
+                console.add_file(unfinished)
+            raise
     for path in written_report.written:
         console.add_file(path)
     for path in () if csv is None else written_report.to_csv(csv):

@@ -8,6 +8,7 @@ import unicodedata
 
 import numpy as np
 import pytest
+import xarray
 
 import rockjax as rj
 from rockjax._cli._report import _without_folder
@@ -361,6 +362,27 @@ def test_the_command_writes_the_page(folder, report, quiet):
     assert "u_b at max|θ|" in output.read_text(encoding="utf-8")
     assert ("Not verified: of 7 checks" in found.output) != quiet
     assert (folder / f"tables-{quiet}" / "summary.csv").exists()
+
+
+@pytest.mark.parametrize("is_solved", [False, True])
+def test_an_interrupted_command_names_the_file_with_the_scenes(tmp_path, monkeypatch, is_solved):
+    from typer.testing import CliRunner
+
+    from rockjax._cli import app
+
+    def interrupted(problem, skip, store, progress):
+        with store.saved_on_interruption():
+            if is_solved:
+                store.get("scenes", "inputs", xarray.Dataset)
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("rockjax._report.report.evaluate_with_store", interrupted)
+    (tmp_path / "problem.toml").write_text(FILE, encoding="utf-8")
+    words = ["report", str(tmp_path / "problem.toml"), "-o", str(tmp_path / "page.html"), "-q"]
+    found = CliRunner().invoke(app, words)
+    assert found.exit_code == 130
+    assert ("page.partial.nc" in found.output.replace("\n", "")) == is_solved
+    assert ("no results were saved" in found.output) != is_solved
 
 
 @pytest.mark.parametrize(
