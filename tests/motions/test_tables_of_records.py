@@ -183,6 +183,19 @@ def test_tables_that_cannot_be_read_say_why(tmp_path, text, words):
     assert all(word in str(error.value) for word in words), error.value
 
 
+@pytest.mark.parametrize(
+    "names", [("N", "E", "Z"), ("1", "2", "3"), ("E", "N", "U"), ("N [g]", "E [g]", "Z [g]")]
+)
+def test_channels_with_the_shortest_names(tmp_path, names):
+    path = table(tmp_path, ",".join(("time", *names)), 0.01 * STEPS, WAVE, 2 * WAVE, 3 * WAVE)
+    for k, name in enumerate(names, 1):
+        for component in (k, name.removesuffix(" [g]")):
+            motion = rj.read_motion(path, units="g", component=component)
+            np.testing.assert_allclose(motion.acceleration, k * G * WAVE, atol=1e-6)
+    path = table(tmp_path, "N,acc [g]", STEPS, WAVE)  # N counts samples
+    assert rj.read_motion(path, dt=0.01).pga == pytest.approx(G)
+
+
 def test_one_channel_of_several(tmp_path):
     columns = [0.01 * STEPS, WAVE, 2 * WAVE, 3 * WAVE]
     for heading in (

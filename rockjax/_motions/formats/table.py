@@ -202,6 +202,7 @@ def _choose_samples(path: Path, table: _Table, component: Component) -> Samples:
     column of times."""
     rows, headings = table.rows, table.headings
     columns = range(rows.shape[1])
+    headings = headings and [_as_channel(heading, rows[:, k]) for k, heading in enumerate(headings)]
     kinds = [heading.kind for heading in headings] if headings else _guess_kinds(path, rows, component)
     location = f"{path}:{table.heading_line}" if table.heading_line else f"{path}"
     time_column = next((k for k in columns if kinds[k] == "time"), None)
@@ -249,6 +250,14 @@ def _choose_samples(path: Path, table: _Table, component: Component) -> Samples:
             " (a column without name, or of sample numbers, does not count)" if "index" in kinds else ""
         )
     return samples
+
+
+def _as_channel(heading: Heading, values: np.ndarray) -> Heading:
+    """Return a heading; N, U and 1 without a unit name a channel, unless the column rises evenly."""
+    name = heading.text.strip("\"' ")
+    if name not in ("N", "U", "1") or _is_rising(values):
+        return heading
+    return heading._replace(quantity=name, kind="", unit=None)
 
 
 def _direction(quantity: str) -> str:
