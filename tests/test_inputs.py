@@ -15,6 +15,7 @@ import rockjax as rj
 from .scenes import PODIUMS, pulse
 
 VALID = {"alpha": 0.2, "R": 1.5}
+TWO_RECORDS = rj.Records.of([rj.Record([0.0, y, -y, 0.0], 0.1) for y in (1.0, 2.0)])
 
 
 @pytest.mark.smoke
@@ -83,6 +84,19 @@ def test_podium(changes, words):
         (
             lambda: rj.peak_response(PODIUMS["rigid"], rj.Ricker(1.0, np.ones(3)), t_end=np.ones(3)),
             ["t_end", "(3,)"],
+        ),
+        (
+            lambda: rj.peak_responses(PODIUMS["rigid"], pulse(), t_end=-3.0),
+            ["t_end", "-3.0", "after the start"],
+        ),
+        (
+            lambda: rj.peak_responses(PODIUMS["rigid"], pulse(), t_end=np.array([1.0, math.nan])),
+            ["t_end", "nan"],
+        ),
+        (lambda: TWO_RECORDS.scaled(math.nan), ["Records", "scale", "nan"]),
+        (
+            lambda: rj.grid(PODIUMS["rigid"], TWO_RECORDS, scale=[1.0, math.inf]),
+            ["scale", "inf"],
         ),
         (
             lambda: rj.peak_response(PODIUMS["block"], pulse(), options=rj.Options(overturn_ratio=6.0)),

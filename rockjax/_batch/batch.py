@@ -155,7 +155,7 @@ def responses(
     solved.
     """
     check_types("peak_responses", podiums, options, "podiums")
-    check_range("peak_responses", podiums, excitations, None, options)
+    check_range("peak_responses", podiums, excitations, t_end, options)
     if options.engine != "flat":
         raise ValueError(
             f"peak_responses: options.engine must be 'flat', got "

@@ -34,6 +34,7 @@ def floors(request: Request, console: Console, output: Output = "rockjax-floors"
     import numpy as np
 
     import rockjax as rj
+    from rockjax._results import explain_failures
 
     files = parse_outputs(output, "rockjax-floors").check(SINGLE_PICTURE)
     podium, settings = request.podium(), request.settings
@@ -87,3 +88,5 @@ def floors(request: Request, console: Console, output: Output = "rockjax-floors"
         "overturned": float(overturned.mean()),
         "levels": largest_values,
     }
+    if message := explain_failures(data["result"]):
+        console.error(message)

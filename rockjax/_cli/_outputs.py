@@ -73,13 +73,15 @@ def parse_outputs(text: str, name: str) -> Outputs:
     return Outputs(output.with_suffix("") if suffix in DATA else output)
 
 
-def store_path(output: Path) -> Path:
-    """Return the path of the zarr store for `--output`: `output`, or rockjax-sweep.zarr in `output` if this
-    is an existing folder but not a zarr store.
+def store_path(text: str) -> str | Path:
+    """Return the path of the zarr store for `--output`: a URL unchanged, a folder, or rockjax-sweep.zarr in a
+    folder that exists but is not a zarr store.
 
     Raises `ValueError` for the suffix of another format, and `OSError` if the store cannot be written.
     """
-    output = Path(os.path.expanduser(output))
+    if "://" in text:
+        return text
+    output = Path(os.path.expanduser(text))
     suffix = output.suffix.lower()
     if suffix in (*PICTURES, *DATA, *UNSUPPORTED) and suffix != ".zarr":
         raise ValueError(

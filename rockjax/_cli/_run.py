@@ -35,7 +35,7 @@ class Console:
         self.quiet, self.verbose, self.json = quiet, verbose, json
         self.start_time = time.perf_counter()
         self.json_object: dict[str, Any] = {}
-        self.written: list[Path] = []
+        self.written: list[str | Path] = []
         self.status = 0
 
     def say(self, line: str) -> None:
@@ -87,7 +87,7 @@ class Console:
         self.say(f"{total} scenes: {overturned:.1%} overturned{note}, {failed} without an answer")
         return {"scenes": total, "overturned": overturned, "without_answer": failed}
 
-    def add_file(self, path: Path) -> None:
+    def add_file(self, path: str | Path) -> None:
         """Add a file to the files that `close` lists."""
         self.written.append(path)
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
+import typer
+
 from rockjax._problem.models import OUTPUT
 
 from ._options import option
@@ -30,8 +32,11 @@ def schema(
     from rockjax._extensions import extension
     from rockjax._files import write_atomically
 
-    text = json.dumps(extension("design").problem_schema(), indent=1) + "\n"
-    if output is None:
-        console.say(text)
-    else:
+    json_schema = extension("design").problem_schema()
+    text = json.dumps(json_schema, indent=1) + "\n"
+    if output is not None:
         console.add_file(write_atomically(output, lambda name: Path(name).write_text(text, encoding="utf-8")))
+    elif console.json:
+        console.json_object["schema"] = json_schema
+    else:
+        typer.echo(text)  # also with --quiet, because the schema is no summary

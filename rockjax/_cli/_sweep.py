@@ -6,7 +6,6 @@ import contextlib
 import dataclasses
 import os
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -61,9 +60,9 @@ def sweep(
         bool,
         option("--dry-run", panel=MACHINES, help="Only estimate time, memory and disk space."),
     ] = False,
-    store: Annotated[Path, option("--output", "-o", panel=OUTPUT, help="The zarr store to write.")] = Path(
-        "rockjax-sweep.zarr"
-    ),
+    store: Annotated[  # not Path, which removes a slash of a URL
+        str, option("--output", "-o", panel=OUTPUT, help="The zarr store to write: a folder or a URL.")
+    ] = "rockjax-sweep.zarr",
 ) -> None:
     """Compute peak responses of a grid of scenes of any size, chunk by chunk, on this machine or a cluster.
 
@@ -83,7 +82,7 @@ def sweep(
     from rockjax._sweep.store import require_zarr
 
     require_zarr()
-    store = store_path(store)
+    path = store_path(store)
     if workers is not None and scheduler is not None:
         raise ValueError("--workers and --scheduler are alternatives; give one")
     podium, axes = request.podium(), _axes(request, axis)
@@ -96,7 +95,7 @@ def sweep(
         scenes = rj.grid(podium, request.motion_or_set(podium), **axes)
     console.note(repr(scenes))
     arguments: dict[str, Any] = {
-        "store": store,
+        "store": path,
         "options": options,
         "chunk": request.settings.chunk,
         "progress": not console.quiet,
@@ -112,7 +111,7 @@ def sweep(
         except rj.Interrupted as interrupt:
             typer.echo(f"\nrockjax: {interrupt}", err=True)
             raise typer.Exit(INTERRUPTED) from None
-    console.add_file(store)
+    console.add_file(path)
     console.json_object |= console.say_scenes(data, scenes.size)
     failed = console.json_object["without_answer"]
     if failed:
@@ -130,6 +129,8 @@ def _axes(request: Request, texts: list[str]) -> dict[str, Any]:
         name, equals, values = text.partition("=")
         if not equals or not name:
             raise ValueError(f"--axis needs NAME=VALUES, got {text!r}")
+        if name in from_options:
+            raise ValueError(f"--axis gives {name} twice; give each axis once")
         from_options[name] = _parse_axis(values)
     axes = request.settings.axes | request.reader.check(models.Sweep, {"axes": from_options}).axes
     return {

@@ -20,6 +20,7 @@ from rockjax._checks import (
     format_value,
     product,
     refuse_gaps,
+    require_finite,
     require_finite_samples,
 )
 from rockjax._excitations.ground import PARTS, GroundMotion
@@ -59,6 +60,7 @@ class Records(AbstractSampled):
         if isinstance(self.acceleration, np.ndarray):  # JAX arrays are computed, or already checked
             refuse_gaps("Records: acceleration", self.acceleration)
             require_finite_samples("Records", self.acceleration)
+        require_finite("Records", scale=self.scale)
 
     @classmethod
     def of(cls, records: Sequence[Record | Motion]) -> Self:

@@ -95,21 +95,18 @@ def check_range(owner: str, podium: Podium, excitation: AbstractExcitation, t_en
     - `t_end`: end of the scenes [s], or None
 
     Raises `ValueError` for floats of another type than JAX's default; for an `overturn_ratio` out of range,
-    as in `check_overturn_ratio`; and if `t_end` is not finite or not after the start of the excitation.
+    as in `check_overturn_ratio`; and if `t_end` is not finite or not after the (earliest) start of the
+    excitation.
     """
     check_dtype(owner, "excitation", excitation)
     check_overturn_ratio(owner, podium, options)
     if t_end is None:
         return
     start = concrete(excitation.support[0])
-    if start is not None and start.ndim == 0:
-        require(
-            owner,
-            "t_end",
-            t_end,
-            lambda v: v > start,
-            f"finite and after the start of the excitation at {float(start):.6g} s",
-        )
+    if start is not None:
+        earliest = float(start.min())
+        accepted = f"finite and after the start of the excitation at {earliest:.6g} s"
+        require(owner, "t_end", t_end, lambda v: v > earliest, accepted)
 
 
 def check_overturn_ratio(owner: str, podium: Podium, options: Options) -> None:

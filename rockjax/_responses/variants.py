@@ -36,7 +36,8 @@ _RATIOS = tuple(name for name, parameter in MOTION.items() if parameter.instead_
 def labelled_motion(
     owner: str, excitation: AnyMotions, name: str = "excitation"
 ) -> tuple[AbstractExcitation, np.ndarray | None]:
-    """Return one motion and None, or a batch of k motions, shape (k,), and their labels.
+    """Return one motion and None, or a batch of k motions, shape (k,), and their labels: their names,
+    or numbers from 1 if they have no names.
 
     - `owner`: name of the calling function, for messages
     - `excitation`: one motion, or several (`Motions`, `Records`, a list)
@@ -44,12 +45,12 @@ def labelled_motion(
     """
     if isinstance(excitation, Records) and excitation.which.ndim:
         records, _ = as_records(owner, excitation, name)
-        return records, np.arange(len(records))
+        return records, np.arange(1, len(records) + 1)
     if isinstance(excitation, AbstractExcitation | Motion):
         members, _ = single_motions(owner, excitation, name)
         return members[0], None
     members, names = single_motions(owner, excitation, name)
-    labels = np.arange(len(members)) if names is None else np.array(names)
+    labels = np.arange(1, len(members) + 1) if names is None else np.array(names)
     return combine_motions(owner, members, name), labels
 
 

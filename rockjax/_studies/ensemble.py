@@ -293,6 +293,8 @@ class Ensemble:
         x = np.asarray(as_float(at, "Ensemble: at"))
         if x.ndim != 1:
             raise ValueError(f"Ensemble: at must be one-dimensional, got shape {x.shape}")
+        if np.isnan(x).any():
+            raise ValueError("Ensemble: at must hold numbers, got nan")
         confidence = _checked_confidence(confidence)
         estimates = empirical.distribution(sample, x, confidence)
         return xarray.Dataset(
@@ -329,6 +331,8 @@ class Ensemble:
 
         sample = self.sample(output, component)
         q = np.atleast_1d(np.asarray(as_float(probability, "Ensemble: probability")))
+        if q.ndim != 1:
+            raise ValueError(f"Ensemble: probability must be one-dimensional, got shape {q.shape}")
         require("Ensemble", "probability", q, lambda y: (y > 0) & (y < 1), "in (0, 1)")
         confidence = _checked_confidence(confidence)
         estimates = empirical.quantiles(sample, q, confidence)

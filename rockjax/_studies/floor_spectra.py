@@ -12,6 +12,7 @@ import jax
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
+from rockjax import _results as results
 from rockjax._checks import as_float, format_value, require, require_number
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._machine.threads import TABLE_MODULES, import_in_background
@@ -73,6 +74,7 @@ PER_LEVEL = {
 PER_SCENE = {
     "overturned": ("1", "the podium overturned; spectra cover the time until then and are lower bounds"),
     "overturn_time": ("s", "time of overturning"),
+    "result": ("1", "result of the scene"),
 }
 
 
@@ -134,6 +136,9 @@ def floor_spectrum(
     - `peak_velocity_jump`: largest velocity jump of the floor [m/s]
     - `overturned`, `overturn_time`: whether and when the podium overturned. The values of a scene that
       overturns cover only the time until overturning
+    - `result`: the result of the scene, or with `fixed_base` the cause if a scene on the fixed base does not
+      finish. Without `options.throw`, the values of a scene that does not finish
+      cover only the time until it stopped
 
     Raises `ValueError` for invalid inputs and, with `options.throw`, `RuntimeError` for a scene that does not
     finish.
@@ -149,6 +154,8 @@ def floor_spectrum(
     require(owner, "periods", T, lambda v: v > 0, "finite and > 0 s")
     require(owner, "damping", zeta, lambda v: (v >= 0) & (v < 1), "in [0, 1)")
     levels = list(level) if isinstance(level, list | tuple | np.ndarray) else [level]
+    if not levels:
+        raise ValueError(f"{owner}: level must name at least one level, got none")
     weights_by_level = {str(y): np.asarray(floor_weights(owner, podium, y)) for y in levels}
     if weights is not None:
         levels, weights_by_level = [], {"weights": np.asarray(floor_weights(owner, podium, DECK, weights))}
@@ -185,6 +192,7 @@ def floor_spectrum(
         for name in SPECTRA:
             data[f"ground_{name}"] = fixed[name].sel(level=DECK, drop=True)
             data[f"fixed_base_{name}"] = fixed[name].sel(level=list(weights_by_level))
+        data["result"] = data["result"].where(~results.did_not_finish(fixed["result"]), fixed["result"])
     origin = {} if is_suite else describe_excitation(members[0]) | dict(describe_origin(excitation))
     data.attrs = {
         "title": "Floor response spectra",
@@ -271,17 +279,18 @@ def _spectrum(response: Response, start: State, t_end: float, request: _Request)
     values: dict[str, list[np.ndarray]] = {name: [] for name in (*SPECTRA, *PER_OSCILLATOR)}
     sensitivities: dict[str, list[np.ndarray]] = {slope_name(name): [] for name in SPECTRA}
     per_level: dict[str, list[float]] = {name: [] for name in PER_LEVEL}
+    code = int(results.code_of(response.result))
+    is_incomplete = bool(response.overturned) or results.did_not_finish(code)
     for level, weights in request.weights.items():
         load = load_of(pieces, motion, in_direction(with_beam(weights), request.direction))
-        overturned = bool(response.overturned)
-        remaining_impulse = np.inf if overturned else bound_after_end(ended, weights, damping, is_vertical)
+        remaining_impulse = np.inf if is_incomplete else bound_after_end(ended, weights, damping, is_vertical)
         load_slopes = [
             slope_of_load(
                 load, pieces, motion, slope, weights, slope.weights.get(level, 0 * weights), request.direction
             )
             for slope in slopes
         ]
-        ends_at_rest = bool(ended.rests) and not np.any(remaining_impulse) and not overturned
+        ends_at_rest = bool(ended.rests) and not np.any(remaining_impulse) and not is_incomplete
         peaks = largest(load, period, damping, ends_at_rest, tuple(load_slopes))
         displacement, acceleration = peaks.values
         # Bound of |x| after the end of the scene. If the floor comes to rest, max|x| already includes the
@@ -303,7 +312,8 @@ def _spectrum(response: Response, start: State, t_end: float, request: _Request)
     return _Spectrum(
         {name: np.stack(y) for name, y in (values | (sensitivities if slopes else {})).items()},
         {name: np.array(y) for name, y in per_level.items()},
-        {name: np.asarray(getattr(response, name)) for name in PER_SCENE},
+        {name: np.asarray(getattr(response, name)) for name in ("overturned", "overturn_time")}
+        | {"result": np.int8(code)},
     )
 
 
@@ -338,6 +348,7 @@ def _dataset(request: _Request, labels: list | None, spectra: list[_Spectrum]) -
         data[name] = dims[:-2], joined([y.per_level[name] for y in spectra]), _attributes(unit, meaning)
     for name, (unit, meaning) in PER_SCENE.items():
         data[name] = motion_dims, joined([y.per_scene[name] for y in spectra]), _attributes(unit, meaning)
+    data["result"][2].update(results.FLAGS)
     coords: dict[str, Any] = {
         "level": list(request.weights),
         "damping": ("damping", request.damping, _attributes("1", "damping ratio of the oscillator ζ")),
@@ -402,17 +413,24 @@ def envelope(
 
     The result has only the variables `pseudo_acceleration`, `absolute_acceleration` and
     `relative_displacement`. Raises `ValueError` if scenes overturned and are not dropped, if all scenes
-    overturned, and for other invalid inputs.
+    overturned, if a scene did not finish, and for other invalid inputs.
     """
     owner = "envelope"
-    names = _spectra_of(owner, spectra)
+    names = _spectra_of(owner, spectra, "overturned", "result")
     if over not in ("motion", "level") or over not in spectra.dims:
         raise ValueError(f"{owner}: over must be a dim of the spectra, 'motion' or 'level', got {over!r}")
     if overturned not in ("raise", "drop"):
         raise ValueError(f"{owner}: overturned must be 'raise' or 'drop', got {overturned!r}")
     if quantile is not None:
         require_number(owner, "quantile", quantile, lambda v: 0 <= v <= 1, "in [0, 1]")
-    data, is_overturned = spectra[names], np.atleast_1d(spectra["overturned"].values)
+    data = spectra[names]
+    unfinished = np.atleast_1d(results.did_not_finish(spectra["result"].values))
+    if unfinished.any():
+        raise ValueError(
+            f"{owner}: {unfinished.sum()} of {unfinished.size} scenes did not finish, so their spectra are "
+            "only lower bounds; their variable 'result' names the cause"
+        )
+    is_overturned = np.atleast_1d(spectra["overturned"].values)
     if is_overturned.any():
         if overturned == "raise" or over != "motion" or is_overturned.all():
             raise ValueError(
@@ -431,10 +449,12 @@ def envelope(
     return result
 
 
-def _spectra_of(owner: str, spectra: Any) -> list[str]:
-    """Return the names of the spectra in a dataset. Raises `ValueError` if there are none."""
-    names = [name for name in SPECTRA if name in getattr(spectra, "data_vars", ())]
-    if not names:
+def _spectra_of(owner: str, spectra: Any, *required: str) -> list[str]:
+    """Return the names of the spectra in a dataset. Raises `ValueError` if there are none, or if the dataset
+    lacks one of the `required` variables."""
+    variables = getattr(spectra, "data_vars", ())
+    names = [name for name in SPECTRA if name in variables]
+    if not names or any(name not in variables for name in required):
         raise ValueError(
             f"{owner}: the spectra must be a result of rockjax.floor_spectrum, got {format_value(spectra)}"
         )

@@ -65,7 +65,7 @@ def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _
 
     - `structure`: a single podium, whose parameters the axes vary
     - `excitation`: a pulse, wavelet or record; or several motions (`Motions`, `Records`, a list), which
-      form the first axis `motion`
+      form the first axis `motion`, labelled by their names, or by numbers from 1
     - `axes`: values along each axis, shape (n,). Their names are
 
         - parameters of the podium: `alpha`, `tan_alpha`, `width`, `height`, `R`, `gamma`, `lam`, `g`, `eta`,

@@ -21,7 +21,7 @@ from rockjax._responses.sensitivities import check_sensitivities
 
 from .layout import ChunkLayout
 from .scene_arrays import SceneArrays
-from .store import FORMAT, Store, digest, fingerprint
+from .store import FORMAT, GROUPS, Store, Variable, digest, fingerprint
 
 
 class SweepSpec(NamedTuple):
@@ -99,7 +99,7 @@ def make_spec(
     options = options if outputs is None else options.replace(outputs=outputs)
     check_types("sweep", structures, options, "structures")
     excitations = as_batch("sweep", excitations)
-    check_range("sweep", structures, excitations, None, options)
+    check_range("sweep", structures, excitations, t_end, options)
     if options.engine != "flat":
         raise ValueError(f"sweep: options.engine must be 'flat', got {options.engine!r}")
     initial, t_end = as_start("sweep", initial, structures), as_end("sweep", t_end)
@@ -118,6 +118,9 @@ def _axes(coords, shape: tuple[int, ...]) -> tuple[tuple[str, ...], dict[str, np
             f"sweep: coords must be a list of the names of the axes, got {coords!r}; give [{coords!r}]"
         )
     dims = as_strings("sweep", "coords", coords)
+    for name in dims:
+        if not isinstance(name, str) or not name or "/" in name:  # zarr would read a slash as a group
+            raise ValueError(f"sweep: coords must name axes by strings without '/', got {name!r}")
     if len(dims) != len(shape):
         raise ValueError(
             f"sweep: coords must name each axis of the scenes, whose shape is {shape}, got {list(dims)}"
@@ -129,6 +132,18 @@ def _axes(coords, shape: tuple[int, ...]) -> tuple[tuple[str, ...], dict[str, np
         if y.shape != (n,):
             raise ValueError(f"sweep: coords[{name!r}] must have {n} labels, got shape {y.shape}")
     return dims, labels
+
+
+def check_axis_names(dims: tuple[str, ...], variables: Mapping[str, Variable]) -> None:
+    """Raise `ValueError` if an axis has the name of an answer, of an axis of an answer, or of a group of the
+    store; `variables`: arrays of answers, by name."""
+    taken = {*variables, *(dim for y in variables.values() for dim in y.extra_dims), *GROUPS}
+    for name in dims:
+        if name in taken:
+            raise ValueError(
+                f"sweep: coords must not name an axis {name!r}, because the store uses this name; give "
+                "another name"
+            )
 
 
 def check_same(store: Store, spec: SweepSpec, chunk: int | None) -> None:

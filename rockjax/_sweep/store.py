@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     import zarr
 
 FORMAT = 1  # version of the store format
+GROUPS = "inputs", "progress"  # names of the groups of a store
 _IDENTITY = "sweep"  # attribute of the group `progress` that contains the identity of the sweep
 _LONG_INPUT = 1_000_000  # longer inputs and 1-D coordinates are stored in chunks [number of values]
 

@@ -28,7 +28,7 @@ from .layout import ChunkLayout
 from .paths import TakenError, expand_path, require_creatable
 from .pilot import Pilot
 from .runners import ChunkProgress, DaskRunner, LocalRunner
-from .spec import SweepSpec, check_same, make_spec, sweep_coords
+from .spec import SweepSpec, check_axis_names, check_same, make_spec, sweep_coords
 from .store import Store, require_zarr
 
 if TYPE_CHECKING:
@@ -104,6 +104,7 @@ def sweep(
         if not dry_run:
             require_creatable(store)
         pilot = runner.pilot(spec)
+        check_axis_names(spec.dims, pilot.variables)
         chunk_size = chunk or pilot.chunk_size(spec.scenes, runner.cores, runner.cores_of_chunk)
         layout = (
             ChunkLayout.from_chunk_size(spec.shape, chunk_size) if open_store is None else open_store.layout

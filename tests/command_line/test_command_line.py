@@ -275,6 +275,8 @@ WRONG = [  # one case for each message
         "sweep --axis tan_alpha=-0.1,0.2",
         "sweep.axes: grid: tan_alpha must be finite and > 0, got tan_alpha = -0",
     ),
+    ("sweep --axis R=1,2 --axis R=3,4", "--axis gives R twice; give each axis once"),
+    ("peaks --t-end nan", "--t-end: must be a number, got nan"),
     ("fragility", "rockjax fragility needs records: files, folders or tables, --synthetic N, or a problem"),
     (
         "fragility good.toml --motions b",
@@ -323,6 +325,37 @@ def test_wrong_input_is_named_and_ends_with_two(run, tmp_path, line, words):
     assert words in err
     assert "Traceback" not in err
     assert set(os.listdir()) == there
+
+
+def test_sweeps_accept_urls(run):
+    code, out, err = run(
+        *["sweep", "--axis", "R=1,2", "--T-s", "0", "--dry-run", "--json", "-o", "memory://bucket/x.zarr"]
+    )
+    assert code == 0, err
+    assert json.loads(out)["store"] == "memory://bucket/x.zarr"
+
+
+def test_motions_without_names_have_the_numbers_of_the_option(run, tmp_path):
+    (tmp_path / "good.toml").write_text(VALID_PROBLEM)
+    code, out, err = run(*["peaks", "good.toml", "--motion", "a", "--outputs", "peak_rotation", "--json"])
+    assert code == 0, err
+    assert [row["motion"] for row in json.loads(out)["motions"]] == ["1", "2"]
+
+
+def test_floor_spectra_of_unfinished_scenes_end_with_one(run, tmp_path):
+    (tmp_path / "few.toml").write_text(VALID_PROBLEM + "[options]\nmax_steps = 5\n")
+    code, out, err = run(*["floors", "few.toml", "--motion", "a", "--number", "2", "--points", "2", "--json"])
+    assert code == 1, err
+    assert "1 of 1 scenes did not finish. 1 out_of_steps" in err
+    assert json.loads(out)["files"] == ["rockjax-floors.nc", "rockjax-floors.png"]
+
+
+@pytest.mark.parametrize("options", [(), ("--quiet",), ("--json",), ("--json", "--quiet")])
+def test_the_schema_is_printed(run, options):
+    code, out, _ = run("schema", *options)
+    found = json.loads(out)
+    assert code == 0
+    assert "structure" in (found["schema"] if "--json" in options else found)["properties"]
 
 
 @pytest.mark.parametrize(
@@ -671,7 +704,7 @@ def test_an_ensemble_writes_its_scenes_and_a_picture_for_each_peak(run, tmp_path
     assert (tmp_path / "e-peak-rotation.pdf").exists()
     assert (tmp_path / "e-peak-shear.pdf").exists()
     found = rj.Ensemble(xarray.load_dataset("e.nc"))
-    assert set(found.data["motion"].values.tolist()) == {0, 1}
+    assert set(found.data["motion"].values.tolist()) == {1, 2}
     assert np.all(np.abs(found.draws["scale"] - 1) <= 0.1)
     assert set(found.draws["initial.theta"]) == {0.001}
     assert np.log(found.draws["R"] / 2).std() == pytest.approx(0.1, rel=0.3)

@@ -228,11 +228,11 @@ def test_every_scene_draws_one_motion():
     np.testing.assert_array_equal(found.scene(0)[1](1.0), found.scene(np.int64(0))[1](1.0))
     pulses = [rj.Ricker(2.0, 1.0), rj.Ricker(4.0, 1.0)]
     found = rj.ensemble(RIGID, pulses, spread={}, n=20)
-    heights = {0: 0, 1: 0}
+    heights = {1: 0, 2: 0}
     for label, shear in zip(found.data["motion"].values, found.peaks.peak_rotation, strict=True):
         heights[int(label)] = max(heights[int(label)], shear)
     assert len(set(found.peaks.peak_rotation.tolist())) == 2
-    assert heights[1] > heights[0]
+    assert heights[2] > heights[1]
 
 
 def test_the_initial_state_is_an_imperfection():
@@ -330,7 +330,9 @@ def test_wrong_arguments_of_results_are_refused(toppled):
         (lambda: toppled.cdf("overturned"), "output must be one of"),
         (lambda: toppled.cdf(confidence=95), r"confidence must be in \(0, 1\)"),
         (lambda: toppled.cdf(at=[[1.0]]), "at must be one-dimensional"),
+        (lambda: toppled.cdf(at=[1.0, np.nan]), "at must hold numbers, got nan"),
         (lambda: toppled.quantiles(probability=[0.5, 1.0]), r"probability must be in \(0, 1\)"),
+        (lambda: toppled.quantiles(probability=[[0.5]]), "probability must be one-dimensional"),
         (lambda: toppled.cdf(component=1), "has no components"),
         (lambda: toppled.compare(3.0), "other must be a rockjax.Ensemble"),
         (lambda: toppled.scene(N), f"k must be less than {N}"),

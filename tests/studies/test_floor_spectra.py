@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import rockjax as rj
+from rockjax import _results as results
 from rockjax import plots
 from rockjax._oscillators import Load, largest
 from rockjax._responses.floor import PieceMotions, Pieces, in_direction, load_of, with_beam
@@ -340,6 +341,19 @@ def test_suites_have_a_dim_of_motions_and_an_envelope(suite):
     np.testing.assert_allclose(median, suite["pseudo_acceleration"][:2].mean("motion"))
 
 
+@pytest.mark.parametrize("fixed_base", [False, True])
+def test_unfinished_scenes_are_named_and_have_no_envelope(suite, fixed_base):
+    options = FINE.replace(max_steps=40, throw=False)
+    motions, T = [rj.Ricker(a, 1.0) for a in (0.01, 3.2)], suite["period"].values
+    data = rj.floor_spectrum(FRAME, motions, T, options=options, t_end=4.0, fixed_base=fixed_base)
+    assert results.NAMES[int(data["result"][1])] == "out_of_steps"
+    assert np.isinf(data["remaining_ratio"][1]).all()
+    assert "out_of_steps" in data["result"].attrs["flag_meanings"]
+    assert not results.did_not_finish(suite["result"]).any()
+    with pytest.raises(ValueError, match=r"\d of 2 scenes did not finish"):
+        rj.envelope(data, overturned="drop")
+
+
 def test_broadening_is_the_running_maximum_over_log_periods(suite):
     one = suite.isel(motion=1)
     broad = rj.broadened(one, 0.15)
@@ -409,6 +423,7 @@ def test_progress_counts_motions():
         ({"damping": [-0.1]}, r"damping must be in \[0, 1\), got damping = -0.1"),
         ({"level": "roof"}, "level must be 'deck' or a story from 1 to 1, got level = 'roof'"),
         ({"level": ["deck", 2]}, "got level = 2"),
+        ({"level": []}, "level must name at least one level"),
         ({"weights": np.ones(2)}, "weights must have one value for each of the 1 modes"),
         ({"direction": "up"}, "direction must be one of"),
         ({"t_end": math.nan}, "t_end must be finite"),
@@ -429,5 +444,7 @@ def test_envelopes_refuse_other_datasets_and_dims(suite):
         rj.envelope(suite, over="period")
     with pytest.raises(ValueError, match=r"must be a result of rockjax.floor_spectrum"):
         rj.envelope(None)  # pyright: ignore[reportArgumentType]
+    with pytest.raises(ValueError, match=r"must be a result of rockjax.floor_spectrum"):
+        rj.envelope(rj.envelope(suite, overturned="drop"), over="level")
     with pytest.raises(ValueError, match="must ascend"):
         rj.broadened(suite.isel(period=slice(None, None, -1)))
