@@ -186,7 +186,7 @@ def _mark_ends(ax: Axes, x: np.ndarray, minimum: np.ndarray, highest: float, col
         ax.plot(x[ends], minimum[ends], color=colour, **mark)
         _add_legend_entry(
             ax,
-            f"ends: no overturning beyond, up to {highest:g}",
+            f"ends: no overturning beyond,\nup to {highest:g}",
             lambda label: ax.plot([], [], color="0.4", label=label, **mark),
         )
 
@@ -238,4 +238,5 @@ def _set_limits(ax: Axes, values: np.ndarray) -> None:
     finite = values[np.isfinite(values)]
     if finite.size:
         lo, hi = np.percentile(finite, [2, 96])
-        ax.set_ylim(min(0, lo) - 0.05 * (hi - lo), max(0, hi) + 0.1 * (hi - lo))
+        height = hi - lo or 1.0
+        ax.set_ylim(min(0, lo) - 0.05 * height, max(0, hi) + 0.1 * height)

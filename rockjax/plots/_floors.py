@@ -40,9 +40,10 @@ def floor_spectrum(
     - `damping`: ζ of the oscillators, by default the first of the dataset
 
     With several motions, curves are medians over the motions. For the podium there is also a thin line for
-    each motion; its thin lines and its median leave out motions that overturn it. In spectra of
-    accelerations, a level without velocity jumps has a mark on the left axis at its peak acceleration (with
-    several motions, at the median of the peaks). Raises `ValueError` for another quantity or damping.
+    each motion; its thin lines and its median leave out motions that overturn it, and scenes that did not
+    finish. In spectra of accelerations, a level without velocity jumps has a mark on the left axis at its
+    peak acceleration (with several motions, at the median of the peaks). Raises `ValueError` for another
+    quantity or damping.
     """
     if quantity not in LABELS:
         raise ValueError(f"plots.floor_spectrum: quantity must be one of {tuple(LABELS)}, got {quantity!r}")
@@ -95,19 +96,22 @@ def _draw(ax: Axes, data: xarray.Dataset, name: str, prefix: str, level: Any, un
     label, line = CURVES[prefix]
     values = data[name].sel(level=level) if "level" in data[name].dims else data[name]
     if "motion" in values.dims:
-        overturned = data["overturned"].values if not prefix else np.zeros(values.sizes["motion"], bool)
+        is_lower_bound = np.zeros(values.sizes["motion"], bool)
         if not prefix:
+            from rockjax._results import did_not_finish  # imports JAX, which other plots do not need
+
+            is_lower_bound = data["overturned"].values | did_not_finish(data["result"].values)
             ax.plot(
                 data["period"],
-                values.values[~overturned].T / unit,
+                values.values[~is_lower_bound].T / unit,
                 color=line["color"],
                 ls="-",
                 lw=0.4,
                 alpha=0.5,
             )
-        if overturned.all():
+        if is_lower_bound.all():
             return
-        values, label = values[~overturned].median("motion"), f"{label}, median"
+        values, label = values[~is_lower_bound].median("motion"), f"{label}, median"
     elif not prefix and bool(data["overturned"]):
         label = f"{label}, until overturning"
     ax.plot(data["period"], values.values / unit, label=label, **line)

@@ -14,6 +14,8 @@ from rockjax import plots
 from rockjax._responses.datasets import describe_podium
 from rockjax._studies.grid_boundaries import with_boundaries
 from rockjax.plots import _from_file
+from rockjax.plots._panel_layout import grid_of_panels
+from rockjax.plots._spectra import dimensional_axes
 from tests.scenes import PODIUMS
 
 X = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
@@ -68,7 +70,7 @@ def test_jumps_ends_and_windows_are_drawn_and_named():
     assert ax.get_legend_handles_labels()[1] == [
         "rigid",
         "jump to another branch",
-        "ends: no overturning beyond, up to 12",
+        "ends: no overturning beyond,\nup to 12",
         "windows of survival",
     ]
     curve, bridge = ax.lines[0], ax.lines[1]
@@ -94,6 +96,33 @@ def test_a_curve_without_marks_has_no_entries_for_them():
         .assign(boundaries=single, minimum=("frequency_ratio", single[1][:, 0]))
     )
     assert plots.overturning_spectrum(complete, label="one").get_legend_handles_labels()[1] == ["one"]
+
+
+def test_legends_of_boundaries_are_inside_the_figure():
+    figure = _from_file.PICTURES["overturning-spectrum"]["boundaries"].draw(spectrum())
+    figure.canvas.draw()
+    assert "ends: no overturning" in texts(figure)
+    assert figure.legends[0].get_window_extent().x1 <= figure.bbox.x1
+
+
+@pytest.mark.parametrize("rows", [1, 8])
+def test_headings_do_not_overlap_titles_of_panels(rows):
+    data = spectrum(pulse="Ricker with vertical ratio 0.5")
+    with plt.style.context(plots.STYLE):
+        figure, axes, _ = grid_of_panels(rows, 1, 3.0, 2.4, right=1.2, panels=data)
+        axes[0, 0].set(title="title", xlim=(1.0, 8.0), ylim=(0.0, 12.0))
+        dimensional_axes(data, axes[0, 0])
+    figure.canvas.draw()
+    assert axes[0, 0].title.get_window_extent().y1 <= figure._suptitle.get_window_extent().y0
+
+
+def test_sensitivities_that_are_zero_need_no_warning(recwarn):
+    zero = ("parameter", "frequency_ratio"), np.zeros((1, 6))
+    data = spectrum().assign(sensitivity=zero).assign_coords(parameter=["gamma"])
+    figure = _from_file.PICTURES["overturning-spectrum"]["sensitivity"].draw(data)
+    low, high = figure.axes[0].get_ylim()
+    assert low < 0 < high
+    assert not recwarn.list
 
 
 @pytest.mark.parametrize(
