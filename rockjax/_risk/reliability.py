@@ -7,11 +7,14 @@ import dataclasses
 import math
 import warnings
 from collections.abc import Callable, Mapping
+from numbers import Real
 from typing import Any
 
+import jax
 import numpy as np
 import scipy
 
+from rockjax._checks import as_float
 from rockjax._progress import bar
 from rockjax._results import Interrupted
 
@@ -112,6 +115,9 @@ def reliability(
         raise ValueError(f"reliability: G must be a function of u, got {G!r}")
     if isinstance(dimension, bool) or not isinstance(dimension, int | np.integer) or dimension < 1:
         raise ValueError(f"reliability: dimension must be a whole number >= 1, got {dimension!r}")
+    value = jax.eval_shape(G, as_float(np.zeros(dimension)))
+    if getattr(value, "shape", None) != ():
+        raise ValueError(f"reliability: G must return a scalar for u of shape ({dimension},), got {value}")
     limit = FunctionLimitState(G, int(dimension))
     return estimate_probability(
         "reliability",
@@ -151,7 +157,7 @@ def check_arguments(owner: str, method: str, cov: float, seed: int, starts: int,
     """
     if method not in ESTIMATORS:
         raise ValueError(f"{owner}: method must be one of {', '.join(map(repr, ESTIMATORS))}, got {method!r}")
-    if not 0 < cov < 1:
+    if not (isinstance(cov, Real) and 0 < cov < 1):
         raise ValueError(f"{owner}: cov must be in (0, 1), got {cov!r}")
     for name, value, least in (("seed", seed, 0), ("starts", starts, 1), ("max_scenes", max_scenes, 100)):
         if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:

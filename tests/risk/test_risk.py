@@ -750,6 +750,23 @@ def test_probabilities_of_known_limit_states(name, method):
     assert rj.reliability(G, dimension, method=method, seed=4).probability == found.probability
 
 
+@pytest.mark.parametrize(
+    ("G", "exact"),
+    [
+        (lambda x: jnp.minimum(1.0, 3.5 - x), norm.sf(3.5)),
+        (lambda x: jnp.where(x < 2.2, 1.0, 3.5 - x), norm.sf(3.5)),
+        (lambda x: jnp.where(x > 2.5, -1.0, 1.0), norm.sf(2.5)),
+        (lambda x: jnp.where(x > 2.5, -1.0, jnp.inf), norm.sf(2.5)),
+    ],
+    ids=["continuous", "with a jump", "two values", "infinite"],
+)
+def test_subset_simulation_of_limit_states_that_are_constant_for_most_samples(G, exact):
+    """Like motions that lift no column: G = 1."""
+    found = rj.reliability(lambda u: G(u.sum() / np.sqrt(20)), 20, seed=2)
+    assert found.converged
+    assert abs(found.probability - exact) < 3 * found.standard_error
+
+
 def test_intervals_of_subset_simulation_have_the_stated_coverage():
     """Sixteen seeds for a plane in 60 dimensions: with 95 % intervals two misses are rare, and four are an
     error."""
@@ -853,6 +870,10 @@ def test_two_planes_are_added_up_exactly():
         ({"starts": 0}, "starts must be a whole number >= 1"),
         ({"dimension": 0}, "dimension must be a whole number >= 1"),
         ({"G": 1.0}, "G must be a function of u"),
+        ({"G": lambda u: 2 - u}, r"G must return a scalar for u of shape \(2,\)"),
+        ({"G": lambda u: 2 - u[:1], "method": "subset"}, "G must return a scalar"),
+        ({"G": lambda u: None, "method": "subset"}, "G must return a scalar.*got None"),
+        ({"cov": "a"}, "cov must be in"),
         ({"G": lambda u: u[0] - 1}, "fails at u = 0"),
         ({"G": lambda u: 20 - u[0]}, "found no failure within 9 standard deviations"),
         ({"G": lambda u: jnp.log(u[0] - 10)}, "G is NaN at a distance"),

@@ -7,7 +7,7 @@ Moves follow conditional sampling (Papaioannou et al. 2015): u' = √(1 − s²)
 standard normal ξ. Each component of u moves with probability 1/4. If u has fewer than 40 components, the
 probability is higher, so that ten move on average, or all if there are at most ten. Long moves of few
 components decorrelate the samples sooner than short moves of all. A run ends at the level 0, or without
-failure after `MAX_LEVELS` levels.
+failure after `MAX_LEVELS` levels or if all samples of a level have the same G.
 
 The samples of a run are correlated within their chains and across levels. An error estimated from one run
 neglects correlation across levels, and serves only as a lower bound. Therefore several independent runs share
@@ -102,13 +102,21 @@ class Subset(AbstractEstimator):
         for _ in range(MAX_LEVELS):
             level = max(float(np.quantile(g, self.share, method="lower")), 0.0)
             is_below = g <= level
+            if level > 0 and is_below.all():
+                # Almost all samples have the same G, such as 1 for motions that lift no column. Only the
+                # samples with a smaller G lead to failure.
+                is_below = g < level
+                if not is_below.any():
+                    break
+                level = max(float(g[is_below].max()), 0.0)
             variance += _relative_variance(is_below, chains)
             probability *= float(is_below.mean())
             if level == 0.0:
                 return _Run(probability, variance, samples, u[is_below])
             # Rejected moves repeat samples, so more samples than needed may be at or below the level. Choose
-            # among them at random, because the first samples of a chain have moved the least.
-            chosen = self.rng.permutation(np.flatnonzero(is_below))[: round(self.share * samples)]
+            # among them at random, because the first samples of a chain have moved the least. If there are
+            # fewer, several chains start from each.
+            chosen = np.resize(self.rng.permutation(np.flatnonzero(is_below)), round(self.share * samples))
             chains = chosen.size
             u, g, move_size = yield from self._chains(u[chosen], g[chosen], level, move_size)
         return _Run(0.0, math.inf, samples, np.zeros((0, self.limit.dimension)))
@@ -148,8 +156,8 @@ class Subset(AbstractEstimator):
         weight /= weight.sum()
         mean = float(weight @ p)
         if mean == 0:
-            # No run reached failure after MAX_LEVELS levels, so P is about share^MAX_LEVELS or less. The
-            # upper end share² of the interval is far above, on the safe side.
+            # No run reached failure after MAX_LEVELS levels, or all its samples had the same G. The upper end
+            # share² of the interval is far above the probabilities at which this happens.
             return ProbabilityEstimate(0.0, 0.0, (0.0, self.share**2), 0.0)
         # The variance of a run is proportional to 1/samples. Runs may agree by chance; therefore the error is
         # not less than the variances estimated from each run suggest.
