@@ -93,6 +93,20 @@ def test_podium(changes, words):
             lambda: rj.peak_responses(PODIUMS["rigid"], pulse(), t_end=np.array([1.0, math.nan])),
             ["t_end", "nan"],
         ),
+        (
+            lambda: rj.overturning_spectrum(PODIUMS["block"], rj.Ricker, [2.0], sensitivities=["R", "R"]),
+            ["name each parameter once", "R"],
+        ),
+        (
+            lambda: rj.overturning_spectrum(
+                PODIUMS["block"], rj.Ricker, [2.0], max_acceleration_ratio=np.ones(2)
+            ),
+            ["max_acceleration_ratio must be one number", "(2,)"],
+        ),
+        (
+            lambda: rj.record_spectrum(PODIUMS["block"], TWO_RECORDS, [2.0], max_scale=[1.0, 2.0]),
+            ["max_scale must be one number", "(2,)"],
+        ),
         (lambda: TWO_RECORDS.scaled(math.nan), ["Records", "scale", "nan"]),
         (
             lambda: rj.grid(PODIUMS["rigid"], TWO_RECORDS, scale=[1.0, math.inf]),

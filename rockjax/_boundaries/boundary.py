@@ -220,7 +220,9 @@ def check_search(owner: str, width, resolution) -> None:
 
 
 def check_limit(owner: str, name: str, value) -> None:
-    """Raise `ValueError` unless the end of a search is finite and > 0."""
+    """Raise `ValueError` unless the end of a search is one number, finite and > 0."""
+    if np.ndim(value):
+        raise ValueError(f"{owner}: {name} must be one number, got shape {np.shape(value)}")
     require(owner, name, value, lambda v: v > 0, "finite and > 0")
 
 

@@ -25,7 +25,8 @@ def check_parameters(owner: str, podium: Podium, names: Sequence[str], more: Seq
     - `names`: names of parameters
     - `more`: names that are valid in addition to the parameters of the podium
 
-    Unknown names, parameters without a derivative, and two names for the same quantity are invalid.
+    Unknown names, parameters without a derivative, a name that occurs twice, and two names for the same
+    quantity are invalid.
     """
     names = _checks.as_strings(owner, "sensitivities", names)
     parameters = variants.parameters_of(podium)
@@ -41,6 +42,8 @@ def check_parameters(owner: str, podium: Podium, names: Sequence[str], more: Seq
             )
         if name not in valid:
             raise ValueError(f"{owner}: sensitivities must be some of {valid} for this podium, got {name!r}")
+    if len(set(names)) < len(names):
+        raise ValueError(f"{owner}: sensitivities must name each parameter once, got {list(names)}")
     clash = find_clash(names)
     if clash is not None:
         raise ValueError(

@@ -115,8 +115,6 @@ def check_sensitivities(
     if not names:
         return names
     check_parameters(owner, podium, names, more=[*scalar_fields(motion), "scale"])
-    if len(set(names)) < len(names):
-        raise ValueError(f"{owner}: sensitivities must name each parameter once, got {list(names)}")
     return names
 
 

@@ -17,7 +17,7 @@ from rockjax._responses.datasets import podium_of
 from rockjax._responses.response import Response, with_joints
 
 from ._histories import TIME, as_history, time_limits
-from ._spectra import draw_panels
+from ._spectra import draw_panels, plane_of
 from ._style import ACCELERATION_RATIO, COLOURS, FREQUENCY_RATIO, OVERTURNED_COLOUR, on_axes, styled
 
 if TYPE_CHECKING:
@@ -183,7 +183,7 @@ def lift_off_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, levels=LE
     - `ax`: axes to draw into
     - `levels`: limits of the colours
 
-    Raises `ValueError` for a spectrum without axial forces.
+    Raises `ValueError` for a spectrum without axial forces, or with a single frequency or acceleration.
     """
     assert ax is not None
     if "least_axial_force" not in dataset:
@@ -194,7 +194,7 @@ def lift_off_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, levels=LE
     loads = dataset["dead_load"].where(dataset["dead_load"] > 0)
     ratios = (dataset["least_axial_force"] / loads).min("joint").where(~dataset["overturned"])
     values = ratios.transpose("acceleration_ratio", "frequency_ratio").values
-    x, y = dataset["frequency_ratio"].values, dataset["acceleration_ratio"].values
+    x, y = plane_of("lift_off_spectrum", dataset)
     ax.set_facecolor(OVERTURNED_COLOUR)
     ax.contourf(x, y, values, levels=levels, cmap="RdBu", norm=CenteredNorm(halfrange=1.0), extend="both")
     if np.nanmin(values) < 0 < np.nanmax(values):

@@ -26,14 +26,28 @@ def rocking_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, levels=Non
     - `dataset`: dataset of [`rockjax.rocking_spectrum`][]
     - `ax`: axes to draw into
     - `levels`: limits of the colours of max|θ|/α, by default 0, 0.1, …, 1
+
+    Raises `ValueError` for a spectrum with a single frequency or acceleration.
     """
     assert ax is not None
     levels = np.arange(0, 1.01, 0.1) if levels is None else levels
     rotation = dataset["peak_rotation"].where(~dataset["overturned"])
-    x, y = dataset["frequency_ratio"].values, dataset["acceleration_ratio"].values
+    x, y = plane_of("rocking_spectrum", dataset)
     ax.contourf(x, y, rotation.values, levels=levels, cmap="viridis_r", vmin=0, vmax=1)
     ax.set(xlabel=FREQUENCY_RATIO, ylabel=ACCELERATION_RATIO, xlim=(x[0], x[-1]), ylim=(y[0], y[-1]))
     return ax
+
+
+def plane_of(owner: str, dataset: xarray.Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """Return the values of ω_p/p and of a_p/(g tan α), for contours. Raises `ValueError` if one of both axes
+    has a single value; `owner`: name of the plot."""
+    x, y = dataset["frequency_ratio"].values, dataset["acceleration_ratio"].values
+    if min(x.size, y.size) < 2:
+        raise ValueError(
+            f"plots.{owner}: contours need at least two frequencies and two accelerations, got {x.size} and "
+            f"{y.size}"
+        )
+    return x, y
 
 
 def rotation_bar(axes: Axes | np.ndarray, cax: Axes | None = None, **bar) -> Colorbar:

@@ -116,6 +116,22 @@ def test_headings_do_not_overlap_titles_of_panels(rows):
     assert axes[0, 0].title.get_window_extent().y1 <= figure._suptitle.get_window_extent().y0
 
 
+@pytest.mark.parametrize("draw", [plots.rocking_spectrum, plots.lift_off_spectrum])
+def test_contours_of_a_single_point_are_refused(draw):
+    dims = "acceleration_ratio", "frequency_ratio"
+    point = xarray.Dataset(
+        {
+            "peak_rotation": (dims, [[0.5]]),
+            "overturned": (dims, [[False]]),
+            "least_axial_force": ((*dims, "joint"), [[[1.0]]]),
+            "dead_load": ("joint", [1.0]),
+        },
+        coords={"acceleration_ratio": [3.0], "frequency_ratio": [2.0]},
+    )
+    with pytest.raises(ValueError, match="at least two frequencies and two accelerations, got 1 and 1"):
+        draw(point)
+
+
 def test_sensitivities_that_are_zero_need_no_warning(recwarn):
     zero = ("parameter", "frequency_ratio"), np.zeros((1, 6))
     data = spectrum().assign(sensitivity=zero).assign_coords(parameter=["gamma"])
