@@ -8,6 +8,8 @@ from pathlib import Path
 os.environ.setdefault("MPLBACKEND", "Agg")
 # Workers and modules share their compiled programs.
 os.environ["ROCKJAX_CACHE_DIR"] = str(Path(__file__).parent.parent / ".pytest_cache" / "rockjax")
+# Functions that tests compile need as little time for it as stored programs.
+os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_backend_optimization_level=1".strip()
 
 import jax
 import pytest

@@ -25,6 +25,7 @@ import jax
 import jax.numpy as jnp
 
 from rockjax import _results as results
+from rockjax._outputs.maxima import Maximum
 from rockjax._outputs.views import Impact, Step, StepEnd
 from rockjax._programs.barrier import barrier
 from rockjax._types import Flag, Index, Value, Vector
@@ -116,8 +117,58 @@ def _classify(
     """Return the step in the form that outputs use, and the outcome that follows from the error, the guard
     and the maxima of the outputs."""
     constant = jax.lax.stop_gradient
-    c, h, time_resolution, rocking = scene.c, trial.h, trial.time_resolution, state.sigma != 0
-    # The step ends on an event (it lands) if the event is at most this time before or after its end [s].
+    lands, is_ignored, newton_correction = _landing(scene, state, trial, guard, replayed)
+    # Times of events and breakpoints depend on the parameters. `before` is the time from the start of the
+    # step to an event or breakpoint at this start; its value is zero. `after` is the time from the end of the
+    # step to an event or breakpoint at this end. Neither is held constant under differentiation.
+    before = state.event_time - constant(state.event_time)
+    after = jnp.where(
+        lands,
+        guard.time_past_end - newton_correction,
+        jnp.where(trial.reaches_stop, trial.stop - constant(trial.stop), 0.0),
+    )
+    breaks = (guard.breaks_before_turn | guard.breaks_after_turn) & ~lands & ~is_ignored
+    # If the columns return to θ = 0 even in a very short first step after an uplift, the uplift is false.
+    is_short = trial.h < 1e-9 / constant(scene.c.p)
+    false_uplift = trial.starts_at_zero & (constant(state.v[0]) == 0) & breaks & is_short
+    # The next trial ends where the guard leaves its limits, but is not shorter than 2 % of this step.
+    event_fraction = jnp.where(breaks & ~false_uplift, jnp.maximum(guard.break_point, 0.02), jnp.inf)
+
+    # Outputs take maxima from polynomials through both ends of the step. If that is too inaccurate for a
+    # maximum, the next trial is shortened to end on it.
+    view = Step(scene, plan.ends_on_maxima, state, ground_at, trial, guard, before, after)
+    maxima = tuple(
+        output.over_step(view, accumulator)
+        for output, accumulator in zip(plan.outputs, state.accumulators, strict=True)
+    )
+    largest = tuple(None if maximum is None else maximum.value for maximum in maxima)
+    is_divisible = trial.h > trial.time_resolution
+    maximum_fraction = jnp.where(is_divisible, _maximum_fraction(view, maxima), jnp.inf)
+    # A step in which the guard turns twice is halved. Methods of order 2 or lower omit this check, because
+    # they are too inaccurate just after an uplift, where θ ~ t³.
+    checks_turns = plan.tableau.order > 2
+    halving = jnp.where(guard.turns_twice & is_divisible & checks_turns, 0.5, jnp.inf)
+
+    retry_fraction = jnp.minimum(jnp.minimum(maximum_fraction, event_fraction), halving)
+    accepted = trial.accurate & ~(retry_fraction < 1)
+    lands, false_uplift = lands & accepted, false_uplift & accepted
+    if replayed is not None:
+        accepted, lands, false_uplift = jnp.ones_like(accepted), replayed.lands, replayed.false_uplift
+    return view, barrier(StepOutcome(accepted, retry_fraction, lands, after, false_uplift, largest))
+
+
+def _landing(
+    scene: Scene, state: LoopState, trial: Attempt, guard: Guard, replayed: Decision | None
+) -> tuple[Flag, Flag, Value]:
+    """Return whether the step ends on an event (lands), whether an event at its end is ignored, and a
+    correction of the time of the event by Newton's method.
+
+    - `scene`, `state`: the prepared scene, and its state at the start of the step
+    - `trial`, `guard`: the trial step and its guard
+    - `replayed`: decision of the same step in an earlier run; None if there is none
+    """
+    constant, h, time_resolution = jax.lax.stop_gradient, trial.h, trial.time_resolution
+    # The step lands if the event is at most this time before or after its end [s].
     max_distance = jnp.maximum(scene.landing_fraction * h, time_resolution)
     is_before_stop = state.t + h + guard.time_past_end <= constant(trial.stop) + time_resolution
     clearance = guard.clearance_at_end.value(guard.time_past_end)
@@ -138,55 +189,24 @@ def _classify(
         & ~guard.breaks_before_turn
         & (state.t + h + guard.time_past_end > constant(trial.stop) - SIMULTANEOUS * time_resolution)
     )
-    is_ignored &= ~(rocking & guard.rising_at_end)
-    lands &= ~is_ignored
-    if replayed is not None:
-        lands = replayed.lands
-    # Times of events and breakpoints depend on the parameters. `before` is the time from the start of the
-    # step to an event or breakpoint at this start; its value is zero. `after` is the time from the end of the
-    # step to an event or breakpoint at this end. Neither is held constant under differentiation.
-    newton_correction = safe_ratio(clearance, slope, lands)
-    before = state.event_time - constant(state.event_time)
-    after = jnp.where(
-        lands,
-        guard.time_past_end - newton_correction,
-        jnp.where(trial.reaches_stop, trial.stop - constant(trial.stop), 0.0),
-    )
-    breaks = (guard.breaks_before_turn | guard.breaks_after_turn) & ~lands & ~is_ignored
-    # If the columns return to θ = 0 even in a very short first step after an uplift, the uplift is false.
-    false_uplift = trial.starts_at_zero & (constant(state.v[0]) == 0) & breaks & (h < 1e-9 / constant(c.p))
-    # The next trial ends where the guard leaves its limits, but is not shorter than 2 % of this step.
-    event_fraction = jnp.where(breaks & ~false_uplift, jnp.maximum(guard.break_point, 0.02), jnp.inf)
+    is_ignored &= ~((state.sigma != 0) & guard.rising_at_end)
+    lands = lands & ~is_ignored if replayed is None else replayed.lands
+    return lands, is_ignored, safe_ratio(clearance, slope, lands)
 
-    # Outputs take maxima from polynomials through both ends of the step. If that is too inaccurate for a
-    # maximum, the next trial is shortened to end on it.
-    view = Step(scene, plan.ends_on_maxima, state, ground_at, trial, guard, before, after)
-    maxima = tuple(
-        output.over_step(view, accumulator)
-        for output, accumulator in zip(plan.outputs, state.accumulators, strict=True)
-    )
-    # If |q| turns just below the threshold, the step is shortened to end at the turning point.
-    turns_in_contact = ~rocking & guard.turned & ~guard.breaks_before_turn
-    is_near_uplift = jnp.abs(guard.turn_value) > NEAR_UPLIFT * c.uplift
-    maximum_fraction = view.cut_at_turn(turns_in_contact & is_near_uplift)
+
+def _maximum_fraction(view: Step, maxima: tuple[Maximum | None, ...]) -> Value:
+    """Return the share of the step after which the next trial ends so that it ends on a maximum; inf if
+    no output needs this."""
+    state, guard = view.state, view.guard
+    # If |q| turns just below the threshold, the next trial ends at the turning point.
+    turns_in_contact = (state.sigma == 0) & guard.turned & ~guard.breaks_before_turn
+    is_near_uplift = jnp.abs(guard.turn_value) > NEAR_UPLIFT * view.scene.c.uplift
+    fraction = view.cut_at_turn(turns_in_contact & is_near_uplift)
     for maximum in maxima:
         if maximum is not None:
             fractions = maximum.retry_fraction
-            least = jnp.min(fractions, axis=-1) if fractions.ndim else fractions
-            maximum_fraction = jnp.minimum(maximum_fraction, least)
-    maximum_fraction = jnp.where(h > time_resolution, maximum_fraction, jnp.inf)
-    largest = tuple(None if maximum is None else maximum.value for maximum in maxima)
-    # A step in which the guard turns twice is halved. Methods of order 2 or lower omit this check, because
-    # they are too inaccurate just after an uplift, where θ ~ t³.
-    checks_turns = plan.tableau.order > 2
-    halving = jnp.where(guard.turns_twice & (h > time_resolution) & checks_turns, 0.5, jnp.inf)
-
-    retry_fraction = jnp.minimum(jnp.minimum(maximum_fraction, event_fraction), halving)
-    accepted = trial.accurate & ~(retry_fraction < 1)
-    lands, false_uplift = lands & accepted, false_uplift & accepted
-    if replayed is not None:
-        accepted, lands, false_uplift = jnp.ones_like(accepted), replayed.lands, replayed.false_uplift
-    return view, barrier(StepOutcome(accepted, retry_fraction, lands, after, false_uplift, largest))
+            fraction = jnp.minimum(fraction, jnp.min(fractions, axis=-1) if fractions.ndim else fractions)
+    return fraction
 
 
 def _advance(
