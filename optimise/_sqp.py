@@ -9,9 +9,9 @@ becomes 0, and the descent minimises only the violation.
 Responses have kinks (a later peak overtakes an earlier one) and jumps (one more impact before overturning).
 If a response is the maximum of several branches, a linear model describes only the branch that governs where
 the model was built. Models are therefore stored as cuts if they were built at a rejected trial point, or at
-the old point of a step that decreased the merit by much less than predicted. If a cut of a value exceeds this
-value at the current point, the cut is lowered to the value there. If a cut of a margin is below this margin
-at the current point, the cut is raised. Cuts far from the current point are dropped. Every rejected step
+the old point of a step that decreased the merit by much less than predicted. If a cut of f_i
+lies above f_i at the current point, it is lowered until it equals f_i there. If a cut of c_j lies below c_j,
+it is raised likewise. Cuts far from the current point are dropped. Every rejected step
 shrinks the trust region, so a descent that cannot pass a jump usually ends with the result `stalled`.
 """
 
@@ -192,8 +192,8 @@ class _DescentState:
 
     @property
     def is_stationary(self) -> bool:
-        """True if the residual is at most the tolerance and, where targets are violated, the step whose size
-        is the residual would remove less than half of the violation."""
+        """True if the residual is at most the tolerance and, if targets are violated, the test step of
+        `optimality` (the residual is its largest entry) would remove less than half of the violation."""
         # A small residual is not enough if targets are violated: where margins are steep, even a step shorter
         # than the tolerance may remove a violation.
         is_correctable = self.is_violated and self.modelled_violation <= 0.5 * self.current.violation
@@ -353,9 +353,9 @@ def _step_and_penalty(
 ) -> tuple[Step | None, float]:
     """Return a step and the penalty with which it was computed.
 
-    While the penalty is below `LARGEST_PENALTY`, it is multiplied by 10 until the step removes 30 % of the
-    violation that a step within the bounds can remove or, if such a step can satisfy all modelled margins,
-    until the step satisfies them. The step is None if the solver fails.
+    The penalty is multiplied by 10 until its step removes 30 % of the violation that any step within the
+    bounds can remove; if a step can remove the whole violation, until its step does so. A penalty of at least
+    `LARGEST_PENALTY` is not raised further. The step is None if the solver fails.
 
     - `model`: linear models around the current point; `current`: evaluation at this point
     - `merit`: merit with its curvature, weight and present penalty
@@ -392,8 +392,8 @@ def _update_bfgs(B: np.ndarray, s: Vector, y: Vector, is_initial: bool) -> tuple
 
     - `B`: curvature (n, n), positive definite; `s`: step (n,); `y`: change of the gradient of the Lagrangian
       (n,)
-    - `is_initial`: whether B is still the identity of the start or of a reset; if the curvature along `s` is
-      positive, B is then scaled before the update
+    - `is_initial`: True in the first update, and in the first after this function has reset B. If the
+      curvature along `s` is positive, B is then replaced by a multiple of the identity before the update
 
     Eigenvalues are limited to [1e-4, 1e4], because the gradient jumps at kinks.
     """

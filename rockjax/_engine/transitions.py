@@ -50,7 +50,8 @@ def transition(
     - `hit`: True for an impact
     - `lifted`: True for an uplift
     - `demand`: demand q before the uplift [m/s²]; the columns lift to the side −sign q
-    - `false_uplift`: True if the step does not confirm an uplift; the columns are then in full contact
+    - `false_uplift`: True if the columns return to θ = 0 in a very short first step after an uplift. The
+      uplift then does not count, and the columns are in full contact
     - `to_rest`: True if an impact brings the columns to rest whatever their speed
 
     Without an event the contact mode stays the same, except that columns in full contact lift if a jump of
@@ -101,7 +102,9 @@ class Jolt(NamedTuple):
     side: Value
     change: Vector  # changes of the velocities due to the jump, before the impact that may follow
     lifts: Flag  # whether columns at rest lift
-    strikes: Flag  # whether rocking columns at θ = 0 are driven into the ground, which is another impact
+    # Whether columns with θ = 0 that rock, just after an impact or uplift, are driven into the ground. This
+    # counts as an impact, in addition to one at the same time.
+    strikes: Flag
     v: Vector  # velocities after the jump
     sigma: Value  # contact mode after the jump
 
@@ -147,8 +150,8 @@ def past_breakpoint(
     - `pieces`: pieces before and after the breakpoint
 
     A breakpoint of the horizontal and a breakpoint of the vertical motion may coincide although the
-    derivatives of their times with respect to the parameters differ. The derivative of the state then also
-    contains the motion between the two breakpoints.
+    derivatives of their times with respect to the parameters differ. The time between them is then zero, but
+    its derivative is not, so the state is first moved over this time.
     """
     before, after = pieces
     if isinstance(scene.excitation, GroundMotion):
@@ -171,10 +174,11 @@ def restart(
     - `x`, `v`, `sigma`: positions, velocities and contact mode after the event
     - `piece`: piece of the excitation after the event
 
-    The time of the event depends on the parameters; the stamp does not. The state has been moved from the end
-    of the step, a constant time, to the event with the equation of motion before the event, and changed by
-    the transition. This function moves it to the stamp with the equation of motion after the event, which
-    changes derivatives, but not values. The derivative of the whole sequence is the saltation matrix.
+    The time of the event depends on the parameters; the end of the step and the stamp do not. Before this
+    call, the caller moves the state from the end of the step to the event, with the equation of motion that
+    holds before the event, and applies the transition. This function moves the state to the stamp with the
+    equation of motion that holds after the event, which changes derivatives, but not values. The derivative
+    of the whole sequence is the saltation matrix.
     """
     del scene, t, delta, sigma, piece
     return x, v

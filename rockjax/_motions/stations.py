@@ -62,8 +62,9 @@ def _station_key(motion: Accelerogram) -> tuple[str, ...]:
 
 
 def _match_name(motion: M, vertical: dict[tuple, list[M]]) -> list[M]:
-    """Return the vertical motions whose stem (name without the component) begins the name of a motion; only
-    those with the longest such stem. Empty if the header of the motion states a station."""
+    """Return the vertical motions whose stem (name without the component) is a prefix of the name of
+    `motion`; if there are several such stems, those with the longest. Empty if the header of the motion
+    states a station."""
     if motion.metadata.get("station"):
         return []
     stems = [(split_name(other.name)[0], other) for others in vertical.values() for other in others]
@@ -73,8 +74,9 @@ def _match_name(motion: M, vertical: dict[tuple, list[M]]) -> list[M]:
 
 
 def _match_depth(motion: M, others: list[M]) -> list[M]:
-    """Return the motions in `others`, the vertical motions of a station, that are at the depth of a motion,
-    such as UD1 for EW1; all of `others` if no depth matches."""
+    """Return the vertical motions of a station (`others`) from the same depth as `motion`; all of `others` if
+    no depth matches. In KiK-net, components that end in 1 are from the borehole, and in 2 from the surface,
+    so UD1 belongs to EW1."""
     if len(others) < 2:
         return others
 

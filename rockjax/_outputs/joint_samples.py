@@ -1,4 +1,5 @@
-"""Bounds on forces in the joints over a sampling interval of a record, for rigid podiums without restrainers.
+"""Bounds on forces in the joints over a sampling interval of a record, for podiums without restrainers and
+without a superstructure that vibrates.
 
 T is the horizontal and N the vertical force in a joint. Forces are per column and divided by m_c [m/s²], as
 in `joint_forces`.
@@ -82,9 +83,9 @@ class SampleForces(NamedTuple):
         )
 
     def stays_below(self, joint: int, steepest: Force) -> Flag:
-        """Return whether certainly no force at the bottom (0) or the top joint (1) has a larger friction
-        demand |T|/N than the force `steepest`. The result is also True if `steepest` is not in compression,
-        because its demand is then inf."""
+        """Return True if the friction demand |T|/N at a joint certainly exceeds that of the force `steepest`
+        nowhere in the interval; also if `steepest` is not in compression, because its demand is then inf.
+        `joint` is 0 for the bottom and 1 for the top joint."""
         size, axial = steepest
         rows = zip(
             *(y for forces in self for y in (forces.tangential[joint], forces.axial[joint])), strict=True

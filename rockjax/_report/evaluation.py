@@ -30,7 +30,7 @@ class Check:
     - `limit`, `value`, `error`: limit, value and estimated error of the value [SI]; NaN if missing. An
       infinite `value` stands for the event that `text` states
     - `text`: text that is shown if the value is not finite, such as "overturned at 5.85 s"; otherwise ""
-    - `state`: state of `text`, one of `tables.STATES`; "" without a text
+    - `state`: meaning of `text` for programs, one of `tables.STATES`; "" without a text
     - `utilisation`: U = value/limit, or limit/value for a minimum [–]; inf if the columns overturn, NaN if
       the check was not made
     - `governing`: index of the motion or pulse with the governing value; None if the check was not made or
@@ -103,8 +103,8 @@ class Evaluation:
     - `problem`: the problem; `scenes`: its solved scenes
     - `checks`: a `Check` for every entry of `[[checks]]` and `[[targets]]`
     - `assumptions`: set of motions → id of the assumption → result of its test, with `violated` (for each
-      scene), `worst` and `text`, or a text that states why there is no test. It contains the sets that have a
-      check with a value
+      scene), `worst` and `text`, or a text that states why there is no test; only sets with at least one
+      check whose `values` are not None
     - `skipped`: the argument `skip` of `evaluate`
     - `make_tables`: function that returns the tables of an evaluation
     """
@@ -123,7 +123,7 @@ class Evaluation:
 
     @property
     def verdict(self) -> str:
-        """The first sentence of the report."""
+        """The verdict at the top of the report, one or two sentences."""
         return verdict([check.result for check in self.checks])
 
     @property
@@ -133,7 +133,7 @@ class Evaluation:
 
 
 def verdict(results: list[str]) -> str:
-    """Return a sentence on the results of all checks, such as "Verified: all 14 checks pass."."""
+    """Return the verdict on the results of all checks, such as "Verified: all 14 checks pass."."""
     own_results = [result for result in results if result != "BY OTHERS"]
     others = len(results) - len(own_results)
     count = {word: own_results.count(word) for word in ("PASS", "FAIL", "UNDECIDED", "NOT VALID", "NOT MADE")}

@@ -88,7 +88,7 @@ def test_damaged_miniseed_is_reported(tmp_path):
         (content[:half] + bytes(len(content) - half), "Not a SEED record"),
         (content + b"x" * 512, "Not a SEED record"),
         (content[: half + 100], "Last record only has 100 byte(s)"),
-        (content[:-1], "its last 511 bytes are an incomplete record"),
+        (content[:-1], "its last 511 bytes are an incomplete data block"),
     ):
         (tmp_path / "a.mseed").write_bytes(damaged)
         with pytest.warns(rj.RecordWarning) as output:

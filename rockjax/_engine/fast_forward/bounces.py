@@ -55,7 +55,7 @@ def skipped_bounces(
     excitation has a bound over a time interval (`AbstractExcitation.at_most`). In a replayed step, skipped
     impacts are not counted again.
     """
-    if replayed is not None:  # the recorded contact mode shows whether bounces were skipped
+    if replayed is not None:  # the recorded contact mode shows whether the impact ended at rest
         return Skipped(hit & (replayed.mode == 0), jnp.zeros_like(state.impacts), speed)
     to_rest = None
     if "bounces" in plan.fast_forwards and scene.c.restraint is None:
@@ -89,8 +89,8 @@ def _bounces_to_rest(
     ground = jnp.abs(horizontal(shaking))
 
     def restoring_moment(ground: Value) -> Value:
-        """Return −θ̈ times the inertia at θ = 0, Eq. (24), for a ground acceleration |ü_g| that drives the
-        columns away from θ = 0."""
+        """Return the moment of Eq. (24) that pulls columns back to θ = 0 at the start of a hop. `ground` is
+        |ü_g|, taken in the direction that lifts the columns further."""
         return c.gravity * c.sin_alpha - c.ground * ground * c.cos_alpha
 
     # The duration of all hops is 2w · inertia / (moment · (1 − e)).

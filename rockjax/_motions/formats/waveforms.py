@@ -72,7 +72,7 @@ def read(path: Path, content: bytes, component: Component) -> Samples:
             f"ObsPy warns {len(data_warnings)} times: {first_line(data_warnings[0].message)}"
         )
     elif excess:
-        metadata["damaged"] = f"its last {excess} bytes are an incomplete record; the file was cut short"
+        metadata["damaged"] = f"its last {excess} bytes are an incomplete data block; the file was cut short"
     values = np.asarray(trace.data, float) * trace.stats.calib
     dt = float(trace.stats.delta)
     if file_format == "SAC":
@@ -90,17 +90,17 @@ def _join(path: Path, segments: list[Any]) -> Any:
     stream = obspy.Stream(segments)
     if len({segment.stats.delta for segment in segments}) > 1:
         raise ValueError(
-            f"{path}: the sampling interval of {segments[0].id} changes; resample it, or cut out the part "
-            "with the motion"
+            f"{path}: the sampling interval of {segments[0].id} changes; resample the channel, or keep "
+            "only the part with the motion"
         )
     if gaps := stream.get_gaps():
         start, end, missing = gaps[0][4], gaps[0][5], int(gaps[0][7])
         kind = "gaps" if missing > 0 else "overlaps"
         raise ValueError(
             f"{path}: {segments[0].id} has {len(gaps)} {kind}, the first of {abs(missing)} samples from "
-            f"{start} to {end}; cut out the part with the motion"
+            f"{start} to {end}; keep only the part with the motion"
         )
     trace: Any = next(iter(stream.merge()))
     if isinstance(trace.data, np.ma.MaskedArray):
-        raise ValueError(f"{path}: {trace.id} has gaps; cut out the part with the motion")
+        raise ValueError(f"{path}: {trace.id} has gaps; keep only the part with the motion")
     return trace
