@@ -202,6 +202,9 @@ class DescentSearch:
             evaluate.use_accurate()
             self.ends |= {k: self.end_so_far(k, settings) for k in starts if k not in self.ends}
             self.evaluations = evaluate(self.end_points)
+            for k, evaluation in enumerate(self.evaluations):
+                if _small_violation(self.ends[k], evaluation, np.inf):  # nothing has corrected it
+                    self.ends[k] = self.ends[k]._replace(result=INTERRUPTED)
             return True
         return False
 

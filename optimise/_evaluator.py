@@ -215,7 +215,8 @@ def options_as_arrays(options: rj.Options) -> rj.Options:
 class Evaluator:
     """Evaluate one point of every start in one batch, store the best point of each start and count the cost.
 
-    Points are ranked by the shortfall of their margins from `target_margin`, and then by their objective.
+    Points are ranked by the shortfall of their margins from half of `target_margin`, with which descents end
+    as well (`Settings.accepted_violation`), and then by their objective.
 
     - `problem`: objective, and targets that JAX can trace; `sampled_targets`: targets on probabilities of
       failure, which cannot be traced
@@ -355,7 +356,7 @@ class Evaluator:
         """Return the sort key of a point and its evaluation."""
         _, evaluation = pair
         return (
-            rank(evaluation._replace(c=evaluation.c - self.target_margin))
+            rank(evaluation._replace(c=evaluation.c - 0.5 * self.target_margin))
             if evaluation.is_finite
             else (np.inf, np.inf)
         )

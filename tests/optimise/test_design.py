@@ -2,6 +2,7 @@
 files."""
 
 import dataclasses
+import itertools
 import json
 import math
 import re
@@ -31,6 +32,7 @@ BLOCK = rj.Podium(alpha=0.15, R=1.5)
 DRAWING = optimise.Dimensions(
     width=0.45, height=3.0, column_mass=1.5e3, beam_mass=30e3, top_mass=300e3, period=0.5
 )
+SLENDER = BLOCK.replace(alpha=0.06)
 OPTIONS = rj.Options(rtol=1e-9, atol=1e-11, throw=False)
 BEYOND = rj.Options(overturn_ratio=1.2)  # the margin is not defined beyond the stability angle
 TWO = np.array([0.3, 0.4])
@@ -370,6 +372,42 @@ def _valley(podium):
     """A curved valley in which a descent is slow; the minimum is at alpha = 0.3, R = 1.5·(0.3/0.15)²."""
     x, y = podium.alpha / 0.15, podium.R / 1.5
     return (x - 2) ** 2 + 10 * (y - x**2) ** 2
+
+
+@pytest.mark.parametrize("margin", [lambda p: jnp.log(p.alpha / 0.1073), lambda p: 1 - 0.1073 / p.alpha])
+def test_a_later_ctrl_c_gives_no_worse_design(margin):
+    objectives = []
+    for count in range(2, 40):
+        try:
+            optimise.design(
+                SLENDER, {"alpha": (0.05, 0.3)}, _alpha, Analytic(margin), starts=2, progress=Stops(count)
+            )
+        except rj.Interrupted as stop:
+            objectives.append(stop.partial.objective if stop.partial.satisfied else math.inf)
+    assert len(objectives) > 5
+    assert objectives[-1] == pytest.approx(0.1073, rel=1e-5)
+    assert all(b <= a * (1 + 1e-5) for a, b in itertools.pairwise(objectives))
+
+
+class Shifted(Analytic):
+    """Target whose margin is smaller in the verification, so that the search must correct its design."""
+
+    def margins(self, podium, options):
+        return super().margins(podium, options) - 3e-6 * (options.rtol < 1e-10)
+
+
+def test_ctrl_c_before_a_correction_is_not_infeasible():
+    target, results, verified = Shifted(lambda podium: podium.alpha / 0.1073 - 1), [], []
+    for count in range(2, 40):
+        try:
+            design = optimise.design(SLENDER, {"alpha": (0.05, 0.3)}, _alpha, target, progress=Stops(count))
+            break
+        except rj.Interrupted as stop:
+            results.append(result_name(stop.partial.result))
+            verified.append(stop.partial.satisfied)
+    assert design.satisfied
+    assert not all(verified)
+    assert set(results) <= {"interrupted", "converged"}
 
 
 def test_ctrl_c_keeps_the_best_design_so_far():
