@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.special import ndtr
 
-from rockjax._checks import as_float, require
+from rockjax._checks import as_float, require, require_number
 from rockjax._lognormal import Lognormal, fit_capacities, fit_counts
 from rockjax._programs.program import StoredProgram
 from rockjax._results import outcomes
@@ -154,7 +154,7 @@ class _Outcomes(NamedTuple):
 
 def _with_limit(analysis: xarray.Dataset, limit: tuple[str, float]) -> xarray.Dataset:
     """Return the analysis with outcomes and capacities for a limit state in addition to overturning. Raises
-    `ValueError` if the analysis has no peak of this name, or if the value is not finite."""
+    `ValueError` if the analysis has no peak of this name, or if the value is not a finite number."""
     names = [name for name, y in analysis.data_vars.items() if {"record", "intensity"} <= set(y.dims)]
     peaks = [str(name) for name in names if str(name).startswith(("peak_", "least_"))]
     if not (isinstance(limit, tuple) and len(limit) == 2 and limit[0] in peaks):
@@ -163,7 +163,7 @@ def _with_limit(analysis: xarray.Dataset, limit: tuple[str, float]) -> xarray.Da
             f"{limit!r}; for another peak, request its output in the options of the analysis"
         )
     name, value = limit
-    require("fragility", f"limit {name}", value, lambda y: np.ones_like(y, bool), "finite")
+    value = require_number("fragility", f"limit {name}", value, np.isfinite, "a finite number")
     peak = analysis[name]
     beyond = peak < value if name.startswith("least_") else peak > value
     failed = beyond.any(set(beyond.dims) - {"record", "intensity"}) | analysis["overturned"]

@@ -311,8 +311,8 @@ def overturning_distribution(
     - `podium`: podium with scalar parameters
     - `records`: `Motions`, `Records`, or a list of motions or records
     - `max_scale`: end of the search for each record, > 0 [–]
-    - `measure`: intensities of the unscaled records, shape (k,). The distribution is then that of the least
-      overturning intensities, in the unit of `measure`. By default all are 1, and the median is a scale
+    - `measure`: intensities of the unscaled records, > 0, shape (k,). The distribution is then that of the
+      least overturning intensities, in the unit of `measure`. By default all are 1, and the median is a scale
       factor [–]
     - `options`, `width`, `resolution`: as for [`rockjax.overturning_boundary`][]
 
@@ -323,6 +323,7 @@ def overturning_distribution(
     check_limit(owner, "max_scale", max_scale)
     records, _ = as_records(owner, records)
     unscaled = jnp.ones(len(records)) if measure is None else as_float(measure, f"{owner}: measure")
+    checked_measure(owner, Measure("values", unscaled, "1"), records)
 
     def least_scale(record_index):
         motion = records.pick(record_index)

@@ -486,6 +486,20 @@ def test_the_distribution_is_differentiable():
 
 
 @pytest.mark.parametrize(
+    ("measure", "words"),
+    [
+        (2.0, r"one value for each of the 3 records, got shape \(\)"),
+        ([1.0, 2.0], r"one value for each of the 3 records, got shape \(2,\)"),
+        ([1.0, -2.0, 1.0], "values must be finite and > 0 for every record"),
+        ([1.0, np.nan, 1.0], "values must be finite and > 0 for every record"),
+    ],
+)
+def test_measures_of_distributions_that_make_no_sense(measure, words):
+    with pytest.raises(ValueError, match=words):
+        rj.overturning_distribution(BLOCK, TABLE, measure=measure)
+
+
+@pytest.mark.parametrize(
     ("change", "words"),
     [
         ({"intensity": [2.0, 1.0]}, "ascending"),
@@ -513,6 +527,8 @@ def test_analyses_that_make_no_sense(change, words):
         ({"confidence": "90 %"}, "confidence"),
         ({"analysis": BLOCK}, "must come from rockjax.incremental_dynamic_analysis, got a Podium"),
         ({"at": [0.0, 1.0]}, "at must be"),
+        ({"limit": ("peak_rotation", np.nan)}, "limit peak_rotation must be a finite number"),
+        ({"limit": ("peak_rotation", [0.5] * 12)}, "limit peak_rotation must be a finite number"),
     ],
 )
 def test_curves_that_make_no_sense(analysis, change, words):
