@@ -54,6 +54,9 @@ def write_dataset(
 ) -> Path:
     """Write a dataset as a netCDF file, and other datasets as groups of this file, atomically. Return the
     path. If `data` has no attribute `Conventions`, it is added."""
+    from ._machine.threads import wait_for_imports
+
+    wait_for_imports()
     data.attrs.setdefault("Conventions", CONVENTIONS)
 
     def write(name: str) -> None:

@@ -19,8 +19,10 @@ TABLE_MODULES = "xarray", "dask.array", "distributed"
 # The thread pool, once it exists. It starts another thread if none is idle, up to 1024, so waiting threads do
 # not block others. All threads finish their work before the process ends.
 _POOLS: list[ThreadPoolExecutor] = []
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_POOLS.clear)  # threads do not exist in a forked process
+_IMPORTS: list[Future] = []  # imports in other threads, until `wait_for_imports`
+if hasattr(os, "register_at_fork"):  # threads do not exist in a forked process
+    os.register_at_fork(after_in_child=_POOLS.clear)
+    os.register_at_fork(after_in_child=_IMPORTS.clear)
 
 
 def submit(work: Callable, *arguments: Any) -> Future:
@@ -68,7 +70,14 @@ def import_in_background(*modules: str) -> None:
             with contextlib.suppress(ImportError):  # code that needs the module raises it again
                 importlib.import_module(name)
 
-    submit(load)
+    _IMPORTS.append(submit(load))
+
+
+def wait_for_imports() -> None:
+    """Wait for the modules of `import_in_background`. If two threads import packages that import each other,
+    such as dask and distributed, one thread may see an incomplete module."""
+    wait(_IMPORTS)
+    _IMPORTS.clear()
 
 
 def precision(x64: bool):

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import jax
 import numpy as np
 
-from rockjax._machine.threads import submit
+from rockjax._machine.threads import submit, wait_for_imports
 from rockjax._responses.datasets import describe_versions
 from rockjax._results import Interrupted
 
@@ -181,6 +181,7 @@ class Store:
         # groups must be short, and a "/" would make one group a part of another.
         names = {name: name if _GROUP_NAME.fullmatch(name) else fingerprint(name) for name in self.data}
         groups = {names[name]: data for name, data in self.data.items()}
+        wait_for_imports()
         attrs = {"title": "Scenes of a report", "kind": "report", "Conventions": CONVENTIONS}
         tree = xarray.DataTree.from_dict({"/": xarray.Dataset(attrs=attrs), **groups})
         write_atomically(path, lambda name: tree.to_netcdf(name, engine="netcdf4"))

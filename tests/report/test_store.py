@@ -1,5 +1,6 @@
 """Datasets that are computed in another thread while a report computes others."""
 
+import sys
 import threading
 
 import numpy as np
@@ -7,6 +8,8 @@ import pytest
 import xarray
 
 import rockjax as rj
+from rockjax._files import write_dataset
+from rockjax._machine.threads import import_in_background
 from rockjax._report.store import Store
 
 
@@ -124,3 +127,18 @@ def test_results_of_another_command_are_not_replaced(tmp_path):
     path.rename(tmp_path / "page.partial.nc")
     with pytest.raises(ValueError, match="holds results of kind 'fragility'"):
         Store(tmp_path / "page.nc")
+
+
+@pytest.mark.parametrize("is_report", [False, True])
+def test_files_are_written_after_imports_in_other_threads(tmp_path, monkeypatch, is_report):
+    name = f"slow_module_{is_report}"
+    (tmp_path / f"{name}.py").write_text(
+        "import time\ntime.sleep(0.5)\nis_complete = True\n", encoding="utf-8"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    import_in_background(name)
+    if is_report:
+        Store(tmp_path / "page.nc").save()
+    else:
+        write_dataset(tmp_path / "study.nc", numbers(1.0))
+    assert sys.modules[name].is_complete
