@@ -112,6 +112,8 @@ def _sharp_edges(problem: Problem, data: xarray.Dataset) -> Outcome | str:
 
 def _restitution_laws(problem: Problem, data: xarray.Dataset) -> Outcome | str:
     del data
+    if not problem.report.laws:
+        return "Not tested: report.laws has no law."
     return f"Checks of peaks are repeated under the laws {', '.join(problem.report.laws)}, below."
 
 

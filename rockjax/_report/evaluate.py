@@ -237,6 +237,8 @@ def _sensitivities(check: Check, scenes: Scenes) -> dict[str, float]:
     assert check.values is not None
     is_mean = check.statistic == "mean"
     motions = tuple(range(len(check.values.values))) if is_mean else (check.governing,)
+    if any(check.values.unanswered[k] for k in motions if check.values.unanswered):
+        return {}
     functions = {k: check.kind.slopes_function(check.entry, scenes, k) for k in motions}
     differentiable = {k: function for k, function in functions.items() if function is not None}
     if not differentiable:

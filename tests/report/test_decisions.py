@@ -2,15 +2,19 @@
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import xarray
 
 import rockjax as rj
-from rockjax._report.evaluate import decide, statistic_of, utilisations_of
+from rockjax._report.evaluate import _sensitivities, decide, statistic_of, utilisations_of
 from rockjax._report.evaluation import Check, Evaluation, verdict
 from rockjax._report.kinds import KINDS
 from rockjax._report.kinds.base import Values
+from rockjax._report.sections.common import governing_scene
+from rockjax._results import NAMES
 
 FILE = """
 [structure]
@@ -176,3 +180,19 @@ def test_changed_inputs(tmp_path):
     wider = found.varied({"width": 1.05})
     assert float(wider.width) == pytest.approx(0.63)
     assert float(found.varied({"column_mass": 2.0}).gamma) == pytest.approx(float(found.podium.gamma) / 2)
+
+
+def test_scenes_without_an_answer_have_no_history_and_no_derivatives(tmp_path):
+    """Scenes in which the weight vanishes cannot be solved again for these."""
+    (entry,) = problem(tmp_path, CHECK + 'statistic = "mean"\n').checks
+    values = values_of(0.3, 0.0)._replace(unanswered=("", "weightless"))
+    check = Check(entry, KINDS["peak-rotation"], "UNDECIDED", value=0.15, governing=0, values=values)
+    assert _sensitivities(check, None) == {}
+    names = ["weightless", "end_of_time", "overturned", "out_of_steps"]
+    data = {"result": [NAMES.index(name) for name in names], "peak_rotation": [0.0, 0.0, 0.5, np.nan]}
+    data["overturned"] = [name == "overturned" for name in names]
+    for count, expected in ((4, ("pulses", 1)), (1, None)):
+        peaks = xarray.Dataset({name: ("motion", y[:count]) for name, y in data.items()})
+        scenes = SimpleNamespace(peaks=lambda name, peaks=peaks: peaks)
+        found = Evaluation(None, scenes, (), {"pulses": {}}, (), dict)
+        assert governing_scene(found) == expected

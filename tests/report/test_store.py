@@ -1,5 +1,6 @@
 """Datasets that are computed in another thread while a report computes others."""
 
+import subprocess
 import sys
 import threading
 
@@ -142,3 +143,14 @@ def test_files_are_written_after_imports_in_other_threads(tmp_path, monkeypatch,
     else:
         write_dataset(tmp_path / "study.nc", numbers(1.0))
     assert sys.modules[name].is_complete
+
+
+def test_tables_are_made_while_another_thread_imports_their_modules():
+    pytest.importorskip("distributed")
+    words = (
+        "import xarray, rockjax._machine.threads as threads; "
+        "threads.import_in_background(*threads.TABLE_MODULES); "
+        "import dask.base; xarray.Dataset({'x': 1.0}); threads.wait_for_imports(); import distributed"
+    )
+    found = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=False)
+    assert found.returncode == 0, found.stderr

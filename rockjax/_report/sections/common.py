@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rockjax import _results as results
 from rockjax._report.blocks import Figure
 from rockjax._report.store import fingerprint
 
@@ -23,12 +24,13 @@ def sets_with_scenes(evaluation: Evaluation) -> tuple[str, ...]:
 
 
 def governing_scene(evaluation: Evaluation) -> tuple[str, int] | None:
-    """Return (set, index of the motion) of the scene with the largest rotation among the scenes without
-    overturning; None if there are no such scenes."""
+    """Return (set, index of the motion) of the scene with the largest rotation among the scenes that finished
+    without overturning; None if there are no such scenes."""
     governing: tuple[float, str, int] | None = None
     for name in sets_with_scenes(evaluation):
         data = evaluation.scenes.peaks(name)
-        rotation = np.where(data["overturned"].values, -1.0, data["peak_rotation"].values)
+        is_left_out = data["overturned"].values | results.did_not_finish(data["result"].values)
+        rotation = np.where(is_left_out, -1.0, data["peak_rotation"].values)
         k = int(np.argmax(rotation))
         if rotation[k] >= 0 and (governing is None or rotation[k] > governing[0]):
             governing = float(rotation[k]), name, k

@@ -35,7 +35,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
     blocks: list[Any] = [_table(evaluation, name) for name in sets_with_scenes(evaluation)]
     scene = governing_scene(evaluation)
     if scene is None:
-        blocks.append(Paragraph("No scene without overturning was solved, so there is no history to draw."))
+        blocks.append(Paragraph("No scene finished without overturning, so there is no history to draw."))
     else:
         blocks.insert(0, _history(evaluation, *scene))
     return Section(4, "Rotation, uplift, overturning", (*blocks, *details(evaluation, 4)))
