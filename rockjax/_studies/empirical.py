@@ -123,7 +123,7 @@ class Comparison(NamedTuple):
     - `at`: value at which the functions have the distance D
     - `p_value`: approximate probability that two samples from one distribution have a distance ≥ D [–]. If
       there are unknown values, the least distance that they allow replaces D. For discontinuous distributions
-      `p_value` is too large
+      `p_value` is too large, and for samples of less than about 20 values it may be too small
     - `lower`, `upper`: confidence interval of the largest distance between the true distributions, from the
       bands of both samples, (E3) [–]. If `lower` > 0, the distributions differ at this confidence
     - `confidence`: confidence level of the interval [–]
@@ -146,6 +146,7 @@ def compare(first: Sample, second: Sample, confidence: float) -> Comparison:
     Values of +∞ count as equal, and so do values of −∞. The error probability 1 − confidence is shared
     equally between the bands of the samples.
     """
+    from scipy.special import gammaln
     from scipy.stats import kstwo
 
     x = np.unique(np.concatenate([[-np.inf], first.values, second.values]))
@@ -157,11 +158,13 @@ def compare(first: Sample, second: Sample, confidence: float) -> Comparison:
     least = max(float(np.max(np.maximum(low_1 - high_2, low_2 - high_1))), 0.0)
     most = float(np.max(np.maximum(high_1 - low_2, high_2 - low_1)))
     n, m = first.size, second.size
+    # Probability that two samples from one distribution do not overlap; no result is less probable.
+    no_overlap = 2 * math.exp(gammaln(n + 1) + gammaln(m + 1) - gammaln(n + m + 1))
     widths = sum(band_half_width(size, (1 + confidence) / 2) for size in (n, m))
     return Comparison(
         float(difference.max()),
         float(x[difference.argmax()]),
-        float(kstwo.sf(least, max(round(n * m / (n + m)), 1))),
+        min(max(float(kstwo.sf(least, max(round(n * m / (n + m)), 1))), no_overlap), 1.0),
         max(least - widths, 0.0),
         min(most + widths, 1.0),
         confidence,

@@ -153,6 +153,14 @@ def test_unknown_scenes_are_counted_and_widen_every_bound(toppled):
     assert "0 did not finish, undecided not checked ('errors')" in repr(toppled)
 
 
+@pytest.mark.parametrize(("n", "m"), [(1, 1), (2, 2), (3, 7), (40, 60)])
+def test_samples_that_do_not_overlap_have_their_exact_probability(n, m):
+    low, high = np.arange(n) - 100.0, np.arange(m) + 0.0
+    first, second = (empirical.Sample(values, values > np.inf) for values in (low, high))
+    exact = stats.ks_2samp(low, high, method="exact").pvalue
+    assert empirical.compare(first, second, 0.95).p_value == pytest.approx(exact, rel=1e-9)
+
+
 def test_the_comparison_is_that_of_scipy(toppled):
     other = overturning(seed=2)
     found = toppled.compare(other)
