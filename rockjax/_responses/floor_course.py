@@ -25,7 +25,7 @@ from rockjax._structures import Podium
 from rockjax._types import Values
 
 from . import history
-from .floor import bodies
+from .floor import MOTION_PIECES, bodies
 from .floor_end import Ending, ending
 
 NEVER_LIFTS = 1.57  # slenderness α of columns so wide that no real ground motion lifts them [rad]
@@ -130,6 +130,11 @@ def floor_course(
     """
     plan = without_fast_forwards(plan_for(podium, options, history=True))
     scene, state = prepare(podium, excitation, initial, t_end, options, plan)
+    # The tolerance does not limit the steps of a rigid podium in full contact, whose state is constant.
+    start, excitation_end = excitation.support
+    piece = jax.lax.stop_gradient((excitation_end - start) / MOTION_PIECES)
+    longest = jnp.where(piece > 0, jnp.minimum(scene.max_excited_step, piece), scene.max_excited_step)
+    scene = scene._replace(max_excited_step=longest)
     nodes: Any
     _, final, nodes = solve_scene(scene, plan, state, options.max_steps, capacity, reversible)
     rtol = options.rtol if podium.restrainers else None

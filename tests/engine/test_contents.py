@@ -185,6 +185,17 @@ def test_on_a_podium_that_never_lifts_a_block_stands_on_the_ground():
         assert not found.started_by_impulse
 
 
+@pytest.mark.parametrize(("velocity", "cycles"), [(0.2, 4.0), (0.25, 8.0)])
+def test_a_pulse_of_many_cycles_reaches_a_block_on_a_deck_in_full_contact(velocity, cycles):
+    """The tolerance does not limit the steps in full contact, but they resolve the pulse."""
+    pulse, end = rj.MavroeidisPapageorgiou(velocity, 1.0, gamma=cycles, nu=0.0), cycles + 3.0
+    stocky, block = rj.Podium(1.2, 1.5, gamma=10.0), rj.Contents(0.1, 2.0)
+    (found,) = rj.peak_response(stocky, pulse, t_end=end, options=FINE, on_floors=block).on_floors
+    ground = rj.peak_response(rj.Podium(0.1, 2.0), pulse, t_end=end, options=FINE)
+    np.testing.assert_allclose(found.peak_rotation, ground.peak_rotation, rtol=1e-10)
+    np.testing.assert_allclose(found.uplift_time, ground.uplift_time, rtol=0, atol=1e-10)
+
+
 # Structure, pulse, ratio of the vertical motion, and blocks with the mode weights of their floors.
 SCENES = {
     "rigid deck": (FRAME, ("ricker", 3.2, 1.0), 0.0, [(rj.Contents(0.12, 0.4), ())]),
