@@ -106,7 +106,7 @@ def test_a_course_in_full_contact_is_the_ground_motion():
     """The acceleration of a cosine jumps at its start and end."""
     motion = rj.OneCosine(1.0, 0.8)
     start, end = (float(y) for y in motion.support)
-    solve = lambda t: floor_course(FRAME, motion, rj.State(), t, FINE.replace(engine="flat"), 64, False)
+    solve = lambda t: floor_course(FRAME, motion, rj.State(), t, FINE.replace(engine="flat"), 128, False)
     course, _ = jax.tree.map(np.asarray, jax.jit(solve)(end + 0.5))
     steps = course.times[np.isfinite(course.times)]
     t = steps[:-1, None] + np.diff(steps)[:, None] * (1 + NODES) / 2
