@@ -19,8 +19,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import log_ndtr
-from scipy.stats import chi2, t
+from scipy.special import chdtri, log_ndtr, stdtrit  # scipy.stats takes long to import
 
 from rockjax._roots import bisect
 
@@ -143,14 +142,14 @@ def profile_intervals(capacities: Capacities, median, dispersion, at, confidence
     mu = np.log(median)
     maximum = capacities.log_likelihood(1 / dispersion, mu / dispersion)
     # At the bounds, the profile of the log-likelihood is below its maximum by half this value.
-    allowed_fall = n * np.log1p(t.ppf(high, n - 1) ** 2 / (n - 1))
+    allowed_fall = n * np.log1p(stdtrit(n - 1, high) ** 2 / (n - 1))
 
     def bounds(excess: Callable, start) -> np.ndarray:
         ends = (_first_outside(lambda y: excess(y) > 0, start, direction) for direction in (-1, 1))
         return np.stack([_find_zero(excess, start, end) for end in ends])
 
     def dispersion_bound(p):
-        return _dispersion_bound(capacities, np.log(dispersion), maximum, chi2.ppf(p, n - 1) / n)
+        return _dispersion_bound(capacities, np.log(dispersion), maximum, chdtri(n - 1, 1 - p) / n)
 
     x = np.log(at)
     return Intervals(
@@ -192,5 +191,5 @@ def jackknife_intervals(estimate: np.ndarray, reduced: np.ndarray, confidence: f
     mean = reduced.mean(axis=0)
     error = np.sqrt((n - 1) / n * np.sum((reduced - mean) ** 2, axis=0))
     unbiased = n * estimate - (n - 1) * mean
-    half_width = float(t.ppf((1 + confidence) / 2, n - 1)) * error
+    half_width = float(stdtrit(n - 1, (1 + confidence) / 2)) * error
     return np.stack([unbiased - half_width, unbiased + half_width])
