@@ -4,6 +4,8 @@ import dataclasses
 import json
 import math
 import re
+import subprocess
+import sys
 import unicodedata
 
 import numpy as np
@@ -428,3 +430,10 @@ def test_annual_frequency_is_that_of_the_package(tmp_path):
     path.write_text(text.replace("width = 0.6", "width = 0.61"))
     with pytest.raises(ValueError, match=r"risk: curve\.nc is for another structure"):
         rj.read_problem(path)
+
+
+def test_problem_files_are_read_without_slow_imports():
+    """Importing scipy.stats takes half a second, and few reports need it."""
+    script = "import sys, rockjax._report.reading\nprint('scipy.stats' in sys.modules, 'matplotlib' in sys.modules)"
+    output = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert output.stdout.split() == ["False", "False"]
