@@ -251,7 +251,7 @@ class Evaluator:
         )
         items = (*problem.targets, problem.objective)
         outputs = {output for item in items for output in getattr(item, "outputs", ())}
-        self.outputs = tuple(outputs) or DEFAULT_OUTPUTS
+        self.checked_options = options.replace(outputs=tuple(outputs) or DEFAULT_OUTPUTS)
         self.evaluations, self.margin_counts = 0, []
         self.best: list[tuple[np.ndarray, Evaluation]] = []
 
@@ -298,8 +298,7 @@ class Evaluator:
         Compiled programs cannot check parameters against each other, such as the distance of columns against
         their width.
         """
-        podium = self.problem.variables.podium(x)
-        check_overturn_ratio("design", podium, self.options.replace(outputs=self.outputs))
+        check_overturn_ratio("design", self.problem.variables.podium(x), self.checked_options)
 
     def _is_valid(self, x: np.ndarray) -> bool:
         try:

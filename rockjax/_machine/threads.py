@@ -12,10 +12,10 @@ from typing import Any
 
 import jax
 
-# Modules for tables. xarray imports dask.base and dask.array, if installed, when the first Dataset is made,
-# and distributed when the first file is written. The first module of dask must be the one that xarray imports
+# Modules for tables. xarray imports dask.base and dask.array, if installed, when the first Dataset is made.
+# The first module of dask must be the one that xarray imports
 # first: if two threads begin with different modules of a package, one may see an incomplete module.
-TABLE_MODULES = "xarray", "dask.base", "dask.array", "distributed"
+TABLE_MODULES = "xarray", "dask.base", "dask.array"
 
 # The thread pool, once it exists. It starts another thread if none is idle, up to 1024, so waiting threads do
 # not block others. All threads finish their work before the process ends.

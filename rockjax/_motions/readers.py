@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from rockjax._checks import require_instance, require_number
-from rockjax._text.reading import csv_rows, csv_table, read_text
+from rockjax._text.reading import csv_rows, csv_table, decode, read_text
 
 from .accelerogram import warn_if_implausible
 from .files import check_arguments, read
@@ -105,11 +105,12 @@ def read_suite(
 def is_table(path: Path) -> bool:
     """Return whether a file is a table of files, not a motion: a `.csv` with the heading `file` in the first
     row."""
+    if path.suffix.lower() != ".csv":
+        return False
     try:
-        _, names = (
-            next(csv_rows(path, read_text(path)), (1, [])) if path.suffix.lower() == ".csv" else (1, [])
-        )
-    except ValueError:
+        with path.open("rb") as stream:
+            _, names = next(csv_rows(path, decode(path, stream.read(4096))), (1, []))
+    except (OSError, ValueError):
         return False  # read_suite or read_motion will report the cause
     return "file" in names
 

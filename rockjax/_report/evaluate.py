@@ -67,14 +67,12 @@ def evaluate_with_store(
     made, with_spread = made_entries(problem, skip), "spread" not in skip
     scenes = Scenes(problem, store, needs_of_sets(problem), progress or NoProgress(), with_spread)
     with store.saved_on_interruption():
-        is_started = {
-            entry.id: entry in made and KINDS[entry.kind].start(entry, scenes) for entry in problem.checks
-        }
+        is_started = {entry.id: KINDS[entry.kind].start(entry, scenes) for entry in made}
         for name in dict.fromkeys(entry.motions for entry in made if KINDS[entry.kind].has_variants):
             scenes.start_variants(str(name))
             prepare_answers(scenes, str(name))
         # Checks that wait for another thread are evaluated last.
-        last = sorted(problem.checks, key=lambda entry: is_started[entry.id])
+        last = sorted(problem.checks, key=lambda entry: is_started.get(entry.id, False))
         by_id = {entry.id: _evaluate(entry, scenes, skip) for entry in last}
         checks = tuple(by_id[entry.id] for entry in problem.checks)
         outcomes = {

@@ -137,7 +137,8 @@ def report(
 
             Units.parse(units or problem.report.units or ())  # raises before anything is solved
         check_skip(skip)
-        import_in_background(*TABLE_MODULES, "matplotlib.pyplot")
+        # xarray imports distributed, if installed, when the first file is written.
+        import_in_background(*TABLE_MODULES, "distributed", "matplotlib.pyplot")
         store = Store(None if path is None else path.with_suffix(".nc"))
         if "methods" not in skip:
             methods.start(problem, store, made_entries(problem, skip))

@@ -110,8 +110,8 @@ def check_range(owner: str, podium: Podium, excitation: AbstractExcitation, t_en
 
 
 def check_overturn_ratio(owner: str, podium: Podium, options: Options) -> None:
-    """Raise `ValueError`, in the name of `owner`, if `overturn_ratio` exceeds π/(2α), or if the margin is
-    requested and `overturn_ratio` exceeds θ_s/α, where θ_s is the stability angle of the columns."""
+    """Raise `ValueError`, with `owner` in its message, if `overturn_ratio` exceeds π/(2α), or if the margin
+    is requested and `overturn_ratio` exceeds θ_s/α, where θ_s is the stability angle of the columns."""
     alpha, ratio = concrete(podium.alpha), concrete(options.overturn_ratio)
     if alpha is not None and ratio is not None:
         limit = float(np.pi / 2 / alpha.max())
