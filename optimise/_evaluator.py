@@ -259,9 +259,9 @@ class Evaluator:
         """Return the evaluations at points (starts, n).
 
         Objective values are NaN where `check_structure` fails. `count` is the number by which `evaluations`
-        increases; None for the number of points. If
-        `is_accurate` is True, simulations use the tolerances of verification, and the objective and targets
-        without fresh samples use the `width` that the user gave.
+        increases; None for the number of points. If `is_accurate` is True, simulations
+        use the tolerances of verification, and the objective and targets without fresh samples use the
+        `width` that the user gave.
         """
         options = verification_options(self.options) if self.is_accurate else self.options
         problem = self.full_problem if self.is_accurate else self.problem

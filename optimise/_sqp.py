@@ -9,10 +9,10 @@ becomes 0, and the descent minimises only the violation.
 Responses have kinks (a later peak overtakes an earlier one) and jumps (one more impact before overturning).
 If a response is the maximum of several branches, a linear model describes only the branch that governs where
 the model was built. Models are therefore stored as cuts if they were built at a rejected trial point, or at
-the old point of a step that decreased the merit by much less than predicted. If a cut of f_i
-lies above f_i at the current point, it is lowered until it equals f_i there. If a cut of c_j lies below c_j,
-it is raised likewise. Cuts far from the current point are dropped. Every rejected step
-shrinks the trust region, so a descent that cannot pass a jump usually ends with the result `stalled`.
+the old point of a step that decreased the merit by much less than predicted. If a cut of f_i lies
+above f_i at the current point, it is lowered until it equals f_i there. If a cut of c_j lies below c_j, it is
+raised likewise. Cuts far from the current point are dropped. Every rejected step shrinks the trust region, so
+a descent that cannot pass a jump usually ends with the result `stalled`.
 """
 
 from __future__ import annotations

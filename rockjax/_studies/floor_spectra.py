@@ -137,8 +137,8 @@ def floor_spectrum(
     - `overturned`, `overturn_time`: whether and when the podium overturned. The values of a scene that
       overturns cover only the time until overturning
     - `result`: the result of the scene, or with `fixed_base` the cause if a scene on the fixed base does not
-      finish. Without `options.throw`, the values of a scene that does not finish
-      cover only the time until it stopped
+      finish. Without `options.throw`, the values of a scene that does not finish cover
+      only the time until it stopped
 
     Raises `ValueError` for invalid inputs and, with `options.throw`, `RuntimeError` for a scene that does not
     finish.
