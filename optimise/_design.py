@@ -77,7 +77,7 @@ def design(
     - `starts`: number of starting points, ≥ 1: `podium`, and a random Latin hypercube for the others
     - `seed`: seed of the random starting points, ≥ 0
     - `options`: options of the simulations; their `outputs` and `throw` are ignored
-    - `tolerance`: in [1e-10, 1e-2] [–]; the search ends when the optimality conditions, in scaled variables,
+    - `tolerance`: from 1e-10 to 1e-2; the search ends when the optimality conditions, in scaled variables,
       hold to this tolerance. It aims at margins (≥ 0 where a target holds) of at least this value. With a
       `FailureProbability`, at least 1e-4 is used
     - `max_iterations`: for every start, the largest number of iterations of `"sqp"`, or the number of steps
