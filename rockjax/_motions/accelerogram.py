@@ -1,6 +1,7 @@
 """Samples of a ground motion, quantities derived from the samples, and plausibility checks.
 
-A motion is linear between samples, and all integrals here are exact for such motions.
+The ground acceleration ü_g is linear between samples. For such motions, velocity, displacement and their
+peaks are exact.
 """
 
 from __future__ import annotations
@@ -17,14 +18,14 @@ from rockjax._checks import as_float, require_finite_samples, require_instance, 
 from rockjax._unit_warnings import PlausibilityWarning, warn_about_units
 from rockjax._units import STANDARD_GRAVITY
 
-# PGA and PGV are the peak ground acceleration and velocity.
+# Limits of plausible values. PGA and PGV are the peak ground acceleration [m/s²] and velocity [m/s].
 HIGHEST_PGA = 3 * STANDARD_GRAVITY  # a larger PGA suggests samples in gal that were read as m/s²
 LOWEST_PGA = 1e-4 * STANDARD_GRAVITY  # a smaller PGA also suggests a wrong unit
 # If the user has given the unit m/s², a PGA below this value suggests samples in g.
 LOWEST_USER_PGA = 0.05 * STANDARD_GRAVITY
 SHORTEST_DT, LONGEST_DT = 1e-4, 0.1  # range of sampling intervals without a warning [s]
 RAW = "raw"  # metadata["processing"] starts with this word for uncorrected data
-MAX_FINAL_VELOCITY = 0.2  # as a share of PGV; a larger final velocity suggests a cut or uncorrected record
+MAX_FINAL_VELOCITY = 0.2  # |final velocity|/PGV; a larger value suggests a record that is cut or drifts
 
 
 class RecordWarning(PlausibilityWarning):
@@ -33,7 +34,7 @@ class RecordWarning(PlausibilityWarning):
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Accelerogram:
-    """Base class of [`rockjax.Motion`][]: samples with name, source and contents of the file header."""
+    """Base class of [`rockjax.Motion`][], without a vertical component. `Motion` describes the fields."""
 
     acceleration: np.ndarray
     dt: float
@@ -80,7 +81,8 @@ class Accelerogram:
     @functools.cached_property
     def displacement(self) -> np.ndarray:
         """Ground displacement at the samples, starting from rest, shape (n,) [m]."""
-        # The trapezoidal rule with end correction (Euler–Maclaurin) is exact for a parabolic velocity.
+        # The velocity is a parabola between samples. For parabolas, the trapezoidal rule with the end
+        # correction of Euler & Maclaurin is exact.
         steps = 0.5 * self.dt * (self.velocity[1:] + self.velocity[:-1])
         trapezoids = np.concatenate([[0.0], np.cumsum(steps)])
         return trapezoids - self.dt**2 / 12 * (self.acceleration - self.acceleration[0])
@@ -92,7 +94,7 @@ class Accelerogram:
 
     @property
     def pgv(self) -> float:
-        """Peak ground velocity [m/s], including peaks between samples, where ü_g crosses zero."""
+        """Peak ground velocity [m/s]. The peak may lie between two samples, where ü_g crosses zero."""
         a, next_a, velocity = self.acceleration[:-1], self.acceleration[1:], self.velocity[:-1]
         crosses_zero = a * next_a < 0
         increase = 0.5 * self.dt * a[crosses_zero] ** 2 / (a[crosses_zero] - next_a[crosses_zero])
@@ -100,11 +102,11 @@ class Accelerogram:
 
     @property
     def pgd(self) -> float:
-        """Peak ground displacement [m], including peaks between samples, where the velocity crosses zero."""
+        """Peak ground displacement [m]. The peak may lie between two samples, where the velocity is zero."""
         a, v, u, dt = self.acceleration[:-1], self.velocity[:-1], self.displacement[:-1], self.dt
         slope = np.diff(self.acceleration) / dt
-        # Times τ with zero velocity, v + aτ + ½ slope τ² = 0. `stable_sum` adds two terms of equal sign, so
-        # no digits cancel.
+        # At the time τ after a sample, the velocity is v + aτ + ½ slope τ². Its two zeros are computed from
+        # `stable_sum`, whose two terms have the same sign, so that no digits cancel.
         root = np.sqrt(np.maximum(a * a - 2 * slope * v, 0))
         stable_sum = -(a + np.copysign(root, a))
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -117,13 +119,14 @@ class Accelerogram:
 def warn_if_implausible(
     motion: Accelerogram, where: str, stacklevel: int, *, unit_from_user: bool = False
 ) -> None:
-    """Warn (`RecordWarning`) if units, sampling interval or baseline of a motion look wrong, if its file is
-    damaged, or if its data are raw. The final velocity of raw data is not checked.
+    """Warn (`RecordWarning`) if PGA, sampling interval or final velocity of a motion are implausible, if the
+    file is damaged, or if the data are raw (not corrected). The final velocity of raw data is not checked.
 
     - `motion`: motion read from a file
     - `where`: name of the file, for messages
     - `stacklevel`: stack level as in `warnings.warn`; 1 is this function
-    - `unit_from_user`: whether the user has passed `units`; a small PGA in m/s² then suggests samples in g
+    - `unit_from_user`: whether the user has passed `units`. If the unit is m/s², the lowest plausible PGA is
+      then `LOWEST_USER_PGA`
     """
     if not LOWEST_PGA <= motion.pga <= HIGHEST_PGA:
         warn_about_units(

@@ -1,4 +1,4 @@
-"""Names of the vertical component in headers and file names."""
+"""Recognition of the vertical component by its name in a file header or by the name of the file."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ _UP_NAME = re.compile(
     r"|accz|az|compz|düşey)\d*"
 )
 _DOWN_NAME = re.compile(r"(?:dn|dwn|down|downwards?|vertdown)\d*")
-# Channel codes: band, instrument and orientation (HNZ, BHZ), optionally with a location before or after.
+# Channel codes: one letter each for band, instrument and orientation (HNZ, BHZ). Digits before or after the
+# letters are the code of a location.
 _CHANNEL_CODE = re.compile(r"(?:\d{2})?[a-z]{2}z\d{0,2}|\d{2}z")
-# Suffixes of vertical components, longer ones first. Other names rarely end like this.
+# Suffixes of the names of vertical motions. Names of horizontal motions rarely have these suffixes.
 _VERTICAL_SUFFIX = re.compile(
     r"[-_. ]?(VERTICAL|VERT|VRT|VER|U-?D\d?|UP|DWN|DOWN|[A-Z]{2}Z\d{0,2}|V|Z)\.?$", re.IGNORECASE
 )
@@ -23,8 +24,9 @@ def _normalise(name: str) -> str:
 
 
 def is_vertical(name: str) -> bool:
-    """Return whether a name means a vertical component: whether the whole name, its first word, or the part
-    after its last dot is a word such as `Up`, `U-D`, `UD1`, `VERT.`, `DWN` or `HNZ`."""
+    """Return whether a name means a vertical component: the whole name, its first word, or the part after its
+    last dot must be a word such as `Up`, `U-D`, `UD1`, `VERT.`, `DWN` or `HNZ`. Case and punctuation do not
+    matter."""
     return any(
         _matches_vertical(_normalise(word)) for word in (name, (name.split() or [""])[0], name.split(".")[-1])
     )
@@ -35,11 +37,12 @@ def _matches_vertical(normalised: str) -> bool:
 
 
 def points_down(name: str) -> bool:
-    """Return whether the name of a vertical component, such as `DWN`, means that downwards is positive."""
+    """Return whether a vertical component is positive downwards according to its name, such as `DWN`."""
     return any(_DOWN_NAME.fullmatch(_normalise(word)) for word in (name, (name.split() or [""])[0]))
 
 
 def split_name(name: str) -> tuple[str, str]:
-    """Split a motion's name into its stem and the suffix of a vertical component (empty if there is none)."""
+    """Split the name of a motion into a stem and the suffix of a vertical component. If the name has no such
+    suffix, the stem is the whole name and the suffix is empty."""
     match = _VERTICAL_SUFFIX.search(name)
     return (name[: match.start()], match[1]) if match else (name, "")

@@ -1,10 +1,16 @@
 """Conversion of ground motions in any form to excitations.
 
-An excitation stays as it is. A `Motion`, which readers return, becomes a `Record`, or a `GroundMotion` if it
-has a vertical component. `Motions`, and lists of motions, become a table of `Records`, or `RecordPairs` if
-they have vertical components. Lists of pulses of one class become a batch of pulses. Anything else raises a
-`ValueError`, whose message names the argument. For strings, paths, arrays, numbers and classes of pulses, the
-message also names a call that makes a ground motion.
+An excitation is a ground motion that the engine can use, such as a pulse or a `Record`. The functions of this
+module return excitations unchanged and convert other values:
+
+- A `Motion`, which readers return, becomes a `Record`, or a `GroundMotion` if it has a vertical component.
+- `Motions` and lists of motions become a table of records (`Records`). If all of them have vertical
+  components, they become `RecordPairs`.
+- A list of pulses of one class becomes a batch of pulses.
+
+Other values raise a `ValueError`. For strings, paths, arrays, numbers and classes of pulses, the message also
+names a call that makes a ground motion. In all functions, `owner` is the name of the function that the user
+has called, and `name` is the name of its argument; messages contain both.
 """
 
 from __future__ import annotations
@@ -29,7 +35,7 @@ from .motion import Motion, Motions
 from .record import Record
 from .records import RecordPairs, Records
 
-# Types that functions accept for one motion, and for several motions.
+# Types that functions accept for one motion (`AnyMotion`), and for one or several motions (`AnyMotions`).
 AnyMotion = AbstractExcitation | Motion | Motions
 AnyMotions = AnyMotion | Sequence[AbstractExcitation | Motion | Motions]
 
@@ -42,8 +48,8 @@ class SingleMotions(NamedTuple):
 
 
 def as_excitation(owner: str, value, name: str = "excitation") -> AbstractExcitation:
-    """Convert an argument to an excitation. An excitation, single or a batch, is returned unchanged; any
-    other value must contain exactly one motion."""
+    """Return an argument as an excitation. An excitation is returned unchanged, even if it is a batch. Any
+    other value must contain exactly one motion, or `ValueError` is raised."""
     if isinstance(value, AbstractExcitation):
         return value
     members = single_motions(owner, value, name).members
@@ -57,8 +63,8 @@ def as_excitation(owner: str, value, name: str = "excitation") -> AbstractExcita
 
 
 def as_batch(owner: str, value, name: str = "excitations") -> AbstractExcitation:
-    """Return one or several motions as one excitation. Several records become a table; several motions of
-    another class become one motion with arrays of parameters. An excitation is returned unchanged."""
+    """Return one or several motions as one excitation: a `Motion` as a single excitation, a list or `Motions`
+    as a batch, as described at `combine_motions`. An excitation is returned unchanged."""
     if isinstance(value, Motion):
         return value.record()
     return (
@@ -69,13 +75,18 @@ def as_batch(owner: str, value, name: str = "excitations") -> AbstractExcitation
 
 
 def as_records(owner: str, value, name: str = "records") -> tuple[Records | RecordPairs, list[str] | None]:
-    """Return records, or pairs of records, as one table, with the names of the records. The names are None if
-    any record has no name; records of a table have no names."""
+    """Return records as one table, and the names of the records. Pairs of a horizontal and a vertical record
+    become `RecordPairs`.
+
+    The names are None if any record has no name; a table does not store names. Raises `ValueError` for
+    motions that are not records.
+    """
     if isinstance(value, RecordPairs):
         return value, None
     if isinstance(value, Records):
         which, scale = concrete(value.which), concrete(value.scale)
-        # A table of which only a part is selected, or whose records are scaled, is built anew.
+        # If only some rows are selected, or if rows are scaled, a new table is built from these rows. This
+        # needs concrete values, so a table with traced values is returned unchanged.
         is_traced = which is None or scale is None
         is_complete = is_traced or (np.array_equal(which, np.arange(len(value))) and bool(np.all(scale == 1)))
         return (value if is_complete else Records.of(_records_of_table(owner, value, name))), None
@@ -94,9 +105,9 @@ def as_records(owner: str, value, name: str = "records") -> tuple[Records | Reco
 
 
 def as_motions(owner: str, value, name: str = "motion") -> list[Motion]:
-    """Return one or several motions as a list of `Motion`. Records become motions; of a `GroundMotion`, only
-    the horizontal component is returned. Raises `ValueError` for motions without samples, and for traced
-    samples."""
+    """Return one or several motions as a list of `Motion`. A `Record` becomes a `Motion`. For a
+    `GroundMotion`, the list contains only the horizontal component. Raises `ValueError` for motions without
+    samples, and for traced samples."""
     if isinstance(value, Motion):
         return [value]
     if isinstance(value, Motions):
@@ -122,7 +133,8 @@ def as_motions(owner: str, value, name: str = "motion") -> list[Motion]:
 
 
 def single_motions(owner: str, value, name: str) -> SingleMotions:
-    """Return all single motions in an argument: one motion, several motions, or a nested list of motions."""
+    """Return all single motions in an argument, which may be one motion, a table or `Motions`, or a nested
+    list of these. Raises `ValueError` for a batch of another class, and if there is no motion."""
     if isinstance(value, Motion):
         return SingleMotions([value.record()], [value.name])
     if isinstance(value, Motions):
@@ -162,7 +174,7 @@ def _advice(value) -> str:
 
 
 def require_single(owner: str, motion: AbstractExcitation, name: str) -> AbstractExcitation:
-    """Return the motion. Raises `ValueError` if it is a batch."""
+    """Return the motion unchanged. Raises `ValueError` if it is a batch."""
     if isinstance(motion, GroundMotion):
         for part in PARTS:
             require_single(owner, getattr(motion, part), f"{name}.{part}")
@@ -181,7 +193,7 @@ def require_single(owner: str, motion: AbstractExcitation, name: str) -> Abstrac
 
 
 def _records_of_table(owner: str, records: Records, name: str) -> list[Record]:
-    """Return the selected rows of a table as single records."""
+    """Return the selected rows of a table as single records. Raises `ValueError` for traced tables."""
     which, counts = concrete(records.which), concrete(records.counts)
     if which is None or counts is None:
         raise ValueError(f"{owner}: {name} must be concrete, but is traced; pass a list of records")
@@ -200,8 +212,15 @@ def _records_of_table(owner: str, records: Records, name: str) -> list[Record]:
 
 
 def combine_motions(owner: str, members: Sequence[Any], name: str) -> AbstractExcitation:
-    """Return single motions as one batch. Records become a table, pairs of components become a pair of
-    batches, and motions of another class become one motion with arrays of parameters."""
+    """Return single motions as one batch.
+
+    - Several `Record` become `Records`, a table.
+    - Several `GroundMotion` become `RecordPairs` if all components are records, and otherwise one
+      `GroundMotion`, whose two components are batches.
+    - Motions of another class become one motion of this class, whose parameters are arrays.
+
+    Raises `ValueError` for motions of different classes.
+    """
     if all(isinstance(member, Record) for member in members):
         return Records.of(members)
     if all(isinstance(member, GroundMotion) for member in members):
@@ -217,8 +236,9 @@ def combine_motions(owner: str, members: Sequence[Any], name: str) -> AbstractEx
 
 
 def as_pulse(owner: str, value, name: str = "pulse") -> Callable[[Any, Any], AbstractExcitation]:
-    """Check and return an argument that makes pulses. A class of pulses is returned unchanged. A function
-    (a_p, T_p) ↦ excitation is wrapped, so that its results are checked too."""
+    """Check and return an argument that makes pulses from the amplitude a_p [m/s²] and the period T_p [s]. A
+    class of pulses is returned unchanged. A function (a_p, T_p) ↦ excitation is wrapped, so that the type of
+    its result is checked at every call."""
     if isinstance(value, type) and issubclass(value, AbstractPulse):
         return value
     if isinstance(value, AbstractPulse):
@@ -265,7 +285,8 @@ class _CheckedPulse:
 
 
 def make_unique(labels: Sequence[str]) -> list[str]:
-    """Return the labels, with a number in parentheses after every label that occurs more than once."""
+    """Return the labels. Equal labels become different by a number in parentheses: a, b, a gives a (1), b,
+    a (2)."""
     total, used, unique = Counter(labels), Counter(), []
     for label in labels:
         used[label] += 1

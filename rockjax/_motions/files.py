@@ -1,4 +1,4 @@
-"""Reading of the ground motion in a file, and conversion to m/s²."""
+"""Reading of the ground motion in a file, and conversion of its samples to m/s²."""
 
 from __future__ import annotations
 
@@ -42,7 +42,8 @@ def read(
       same interval
     - `component`: number or name of a channel, if the file has several; otherwise None
 
-    Raises a `ValueError` that names the file, the cause and, where possible, the line.
+    The metadata of the result contain the file header, the unit of the file as `units`, and for raw data the
+    entry `processing`. Raises a `ValueError` that names the file, the cause and, where possible, the line.
     """
     require_instance("read_motion", "path", path, str | Path, "the path of a file")
     path = Path(path)

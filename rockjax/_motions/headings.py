@@ -1,4 +1,7 @@
-"""Headings of columns in files: quantity, unit and investigation time."""
+"""Headings of columns in files: quantity, unit and investigation time.
+
+The investigation time is the time to which a probability refers, such as 50 years in `poe in 50 years`.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ from typing import NamedTuple
 
 from rockjax._units import UNITS, unit_of
 
-# Kinds of quantities with patterns of their headings. The first pattern that matches determines the kind.
+# Kinds of quantities, and patterns of their headings. The first pattern that matches determines the kind.
 _QUANTITIES = [
     ("probability", r"\b(?:poe|pe|prob\w*|pexc\w*)(?:\b|\d)|\bp\([a-z>]"),
     ("return period", r"\breturn period|\brp\b|\bt r\b"),
@@ -23,7 +26,8 @@ _QUANTITIES = [
     ("velocity", r"^v(?:g|\(t\))?$|\b(?:vel|vit|geschw)"),
     ("displacement", r"^(?:d|dg|d\(t\))$|\b(?:disp|desp|dépl|depl|spost|versch)"),
 ]  # fmt: skip
-# Kind of quantity ↦ dimensions that its unit may have. Any other kind has the dimension of the same name.
+# Kind of quantity ↦ dimensions (`Unit.dimension`) that its unit may have. For a kind that is not listed, the
+# dimension must have the same name as the kind.
 _DIMENSIONS = {
     "probability": {"ratio"},
     "rate": {"rate", "ratio"},
@@ -108,7 +112,13 @@ def _match_quantity(words: str) -> str:
 
 
 def _split(location: str, text: str, words: str) -> tuple[str, str | None]:
-    """Split words into quantity and unit (None if there is no unit); messages quote the heading `text`."""
+    """Split the words of a heading into quantity and unit. The unit is None if there is none.
+
+    - `location`, `text`: file and line, and the whole heading, for messages
+    - `words`: the heading without investigation time and spectral period
+
+    Raises `ValueError` for an unknown unit in brackets.
+    """
     if (unit := unit_of(words)) and not _match_quantity(words):
         return "", unit
     if brackets := _BRACKETS.search(words):
@@ -133,9 +143,9 @@ def _split(location: str, text: str, words: str) -> tuple[str, str | None]:
         unit = unit_of(remainder)
         if unit is None or not quantity:
             continue
-        # A word after a mere blank or underscore may be a direction, such as the S in `N S`. Such a word
-        # counts as a unit only if its dimension fits the quantity, or if it contains a slash. After a comma
-        # or slash, every unit counts.
+        # After a comma or slash, every unit is accepted. After a blank or underscore, the word may be a
+        # direction, such as the S in `N S`. It is then accepted as a unit only if its dimension fits the
+        # quantity, or if it contains a slash.
         kind = _match_quantity(quantity)
         fits = UNITS[unit].dimension in _DIMENSIONS.get(kind, {kind})
         if fits or "/" in remainder or match[0].strip(" _in"):
@@ -144,5 +154,5 @@ def _split(location: str, text: str, words: str) -> tuple[str, str | None]:
 
 
 def _is_symbol(words: str) -> bool:
-    """Return whether a heading is a symbol such as a_g or a(t), in which g and t are not units."""
+    """Return whether a heading is a symbol such as `a_g` or `a(t)`, in which g and t are not units."""
     return re.fullmatch(r"[a-zü]+(?:_g|\(t\))", words, re.I) is not None and len(words) <= 4

@@ -1,8 +1,9 @@
 """Intensity measures of ground motions.
 
-The measures are exact for motions that are linear between samples, except the significant duration, for which
-the cumulative Arias intensity is interpolated linearly between samples. Sa is the maximum over all times,
-whereas the packages eqsig and pyRotd take the maximum over the samples.
+The measures are exact for motions that are linear between samples, with one exception: the significant
+duration interpolates the Arias intensity linearly between samples. The pseudo-spectral acceleration Sa is a
+maximum over all times, whereas the packages eqsig and pyRotd take the maximum over the samples. ü_g is the
+ground acceleration.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 
 
 def energy(motion: Accelerogram) -> np.ndarray:
-    """Return ∫ü_g² dt up to each sample, shape (n,) [m²/s³]."""
+    """Return ∫ü_g² dt from the first sample to each sample, shape (n,) [m²/s³]."""
     a, b = motion.acceleration[:-1], motion.acceleration[1:]
     return np.concatenate([[0.0], np.cumsum(motion.dt / 3 * (a * a + a * b + b * b))])
 
@@ -46,9 +47,9 @@ def cumulative_absolute_velocity(motion: Accelerogram) -> float:
 
 
 def significant_duration(motion: Accelerogram, start: float = 0.05, end: float = 0.95) -> float:
-    """Return the time in which the Arias intensity increases from the fraction `start` to the fraction
-    `end` of its final value (Trifunac & Brady 1975) [s]. Between samples the intensity is interpolated
-    linearly."""
+    """Return the time in which the Arias intensity grows from the fraction `start` to the fraction `end` of
+    its final value (Trifunac & Brady 1975) [s]; 0 for a motion that is zero throughout. Between samples, the
+    intensity is interpolated linearly."""
     cumulative_energy = energy(motion)
     if cumulative_energy[-1] == 0:
         return 0.0
@@ -59,22 +60,23 @@ def significant_duration(motion: Accelerogram, start: float = 0.05, end: float =
 
 
 def spectral_acceleration(motion: Accelerogram, period: float, damping: float = 0.05) -> float:
-    """Return the pseudo-spectral acceleration Sa(T) = ω² max|u| of a linear oscillator initially at rest
-    [m/s²].
+    """Return the pseudo-spectral acceleration Sa(T) = ω² max|u| [m/s²] of a linear oscillator that is
+    initially at rest. u is its displacement relative to the ground, and ω = 2π/T.
 
     - `motion`: ground motion
     - `period`: period T ≥ 0 [s]; 0 gives PGA
     - `damping`: damping ratio ζ, 0 ≤ ζ < 1 [–]
 
-    The maximum is exact for a motion that is linear between samples and zero after the last sample. It
-    includes times between samples and the free vibration after the motion, in which the peak of a slow
-    oscillator may lie.
+    The maximum is exact for a motion that is linear between samples and zero after the last sample. The
+    maximum may occur between samples, or during the free vibration after the motion. Raises `ValueError` for
+    a period or damping ratio outside its range.
     """
     return float(spectral_accelerations(motion, np.array([period]), damping)[0])
 
 
 def spectral_accelerations(motion: Accelerogram, periods: np.ndarray, damping: float) -> np.ndarray:
-    """Return Sa at several periods [s], shape (n,) [m/s²]; other arguments as for `spectral_acceleration`."""
+    """Return Sa [m/s²] at each of the `periods` [s], both of shape (n,). The arguments have the ranges of
+    `spectral_acceleration`."""
     if not np.all(np.isfinite(periods) & (periods >= 0)):
         period = float(periods[~(np.isfinite(periods) & (periods >= 0))][0])
         raise ValueError(f"spectral_acceleration: period must be finite and >= 0 s, got period = {period!r}")
@@ -92,8 +94,8 @@ def spectral_accelerations(motion: Accelerogram, periods: np.ndarray, damping: f
 def measure_motion(
     motion: Accelerogram, measure: str, period: float | None, damping: float
 ) -> tuple[float, int]:
-    """Return the value of an intensity measure, and the exponent n such that a factor f on the motion
-    multiplies the value by fⁿ.
+    """Return the value of an intensity measure in SI units, and an exponent n: if the motion is multiplied by
+    a factor f ≥ 0, the value is multiplied by fⁿ.
 
     - `motion`: ground motion
     - `measure`: `"PGA"`, `"PGV"`, `"PGD"`, `"CAV"`, `"arias_intensity"` or `"Sa"`
@@ -148,9 +150,10 @@ def intensity_measures(
     damping: float = 0.05,
     podium: Podium | None = None,
 ) -> xarray.Dataset:
-    """Implement [`rockjax.intensity_measures`][] for a motion or a sequence of motions.
+    """Implement [`rockjax.intensity_measures`][].
 
-    - `motion`, `periods`, `damping`, `podium`: as for [`rockjax.intensity_measures`][]
+    - `motion`: a motion, for scalars, or a sequence of motions, for arrays with the dimension `motion`
+    - `periods`, `damping`, `podium`: as for [`rockjax.intensity_measures`][]
     """
     import xarray
 

@@ -1,4 +1,4 @@
-"""Intensity measures of motions in any form."""
+"""Intensity measures of motions in any form: the public function `intensity_measures`."""
 
 from __future__ import annotations
 
@@ -27,19 +27,25 @@ def intensity_measures(
 
     - `motion`: motions with samples. A [`rockjax.Motion`][] or [`rockjax.Record`][] gives scalars;
       [`rockjax.Motions`][], [`rockjax.Records`][] or a list of motions give arrays with the dimension
-      `motion`. Of a motion with a vertical component, the horizontal component is measured
+      `motion`. If a motion has a vertical component, the measures describe the horizontal one
     - `periods`: periods T of Sa(T), ≥ 0 [s]
     - `damping`: damping ratio of Sa, 0 ≤ ζ < 1 [–]
-    - `podium`: podium for two additional dimensionless measures (Dimitrakopoulos & Paraskeva 2015), or None:
-      `acceleration_ratio` PGA/(g tan α) and `velocity_ratio` p·PGV/(g tan α), with the slenderness α and the
-      frequency parameter p of the podium. Under a horizontal motion, a rigid podium at rest lifts only if the
-      acceleration ratio exceeds 1
+    - `podium`: podium for two additional measures (Dimitrakopoulos & Paraskeva 2015), or None
 
-    Variables: `dt`, `duration` [s], `PGA` [m/s²], `PGV` [m/s], `PGD` [m], `PGV_PGA` [s] (NaN for a PGA of
-    zero), `arias_intensity` π/(2g)∫ü_g² dt [m/s], `CAV` ∫|ü_g| dt [m/s], `D5_95` [s], `scale` (scale factor
-    relative to the file) [–], and the pseudo-acceleration `Sa` [m/s²] along `period`. `D5_95` is the time in
-    which the Arias intensity grows from 5 % to 95 % of the final value; between samples, the growth is taken
-    to be linear.
+    The dataset has these variables:
+
+    - `dt`, `duration`: sampling interval, and time from the first to the last sample [s]
+    - `PGA`, `PGV`, `PGD`: peak ground acceleration [m/s²], velocity [m/s] and displacement [m]
+    - `PGV_PGA`: PGV/PGA [s]; NaN for a PGA of zero
+    - `arias_intensity`: π/(2g) ∫ü_g² dt [m/s], with the ground acceleration ü_g
+    - `CAV`: cumulative absolute velocity ∫|ü_g| dt [m/s]
+    - `D5_95`: significant duration, in which the Arias intensity grows from 5 % to 95 % of its final value
+      [s]. Between samples, the growth is assumed to be linear
+    - `scale`: scale factor relative to the file [–]
+    - `Sa`: pseudo-spectral acceleration along the dimension `period` [m/s²]
+    - `acceleration_ratio`, `velocity_ratio`: PGA/(g tan α) and p PGV/(g tan α) [–], with slenderness α and
+      frequency parameter p of the podium. If a podium at rest has a rigid superstructure or none, a
+      horizontal motion lifts its columns only if the acceleration ratio exceeds 1
 
     Raises `ValueError` for motions without samples, for periods and damping outside their ranges, and for a
     podium with arrays of parameters.

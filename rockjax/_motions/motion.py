@@ -1,7 +1,7 @@
 """Ground motions as NumPy arrays: samples with a name, a source and the contents of the file header.
 
-A motion is linear between samples, like a [`rockjax.Record`][], and all integrals here are exact for such
-motions.
+Use a [`rockjax.Motion`][] to read, change and save a ground motion outside JAX. `Motion.record` converts the
+motion to a [`rockjax.Record`][], the excitation of a scene. Both are linear between samples.
 """
 
 from __future__ import annotations
@@ -39,15 +39,16 @@ _MAX_RATIO = 1000  # largest numerator and denominator of the ratio of sampling 
 class Motion(Accelerogram):
     """A ground motion as a NumPy array of samples, linear between samples and zero outside.
 
-    - `acceleration`: samples of ü_g, shape (n,), n ≥ 2 [m/s²]; stored as a read-only copy
+    - `acceleration`: samples of the ground acceleration ü_g, shape (n,), n ≥ 2 [m/s²]; stored as a read-only
+      copy
     - `dt`: sampling interval, > 0 [s]
     - `name`: name of the motion
     - `source`: the file from which the motion was read, or None
     - `metadata`: contents of the file header, such as station, component, event, date, unit in the file
       and corner frequencies of filters
-    - `vertical`: vertical component of the same ground motion, or None; [`rockjax.Motions.paired`][] sets
-      it. Methods that change a motion also change its vertical component. Intensity measures describe the
-      horizontal motion
+    - `vertical`: vertical component of the same ground motion, upwards positive, or None.
+      [`rockjax.Motions.paired`][] adds it. Methods that change a motion change its vertical component in the
+      same way. Intensity measures describe only the horizontal component
 
     Raises `ValueError` for dt ≤ 0, for fewer than two samples, for samples that are not finite, and for gaps:
     masked samples, and values such as -999 or 999999 that stand for missing samples.
@@ -63,19 +64,17 @@ class Motion(Accelerogram):
             )
 
     def record(self, scale: float = 1.0) -> Record | GroundMotion:
-        """Return the motion as an excitation.
+        """Return the motion as an excitation: a [`rockjax.Record`][], or a [`rockjax.GroundMotion`][] if the
+        motion has a vertical component.
 
         - `scale`: factor on the samples [–]
-
-        The result is a [`rockjax.Record`][], or a [`rockjax.GroundMotion`][] if there is a vertical
-        component.
         """
         record = Record(self.acceleration, self.dt, scale)
         return record if self.vertical is None else GroundMotion(record, self.vertical.record(scale))
 
     def scaled(self, factor: float) -> Self:
-        """Return the motion multiplied by `factor` [–]. `metadata["scale"]` stores the product of all
-        factors."""
+        """Return the motion multiplied by `factor` [–]. In the result, `metadata["scale"]` is the product of
+        this factor and all earlier ones."""
         factor = require_number("scaled", "factor", factor, math.isfinite, "finite")
         note = {"scale": float(factor) * self.metadata.get("scale", 1.0)}
         scaled = self._with_samples(factor * self.acceleration, **note)
@@ -92,14 +91,16 @@ class Motion(Accelerogram):
         return self if self.vertical is None else dataclasses.replace(self, vertical=change(self.vertical))
 
     def resampled(self, dt: float) -> Self:
-        """Return the motion with the sampling interval `dt` [s], band-limited (`scipy.signal.resample_poly`).
+        """Return the motion with the sampling interval `dt` [s], resampled with the filter of
+        `scipy.signal.resample_poly`.
 
-        Frequencies above the Nyquist frequency of the longer of the two sampling intervals are filtered out,
-        so that none are aliased; lower frequencies are kept. The straight line through the first and the last
-        sample is not filtered, so that an offset does not ring at the ends. The first sample keeps its time.
+        The filter removes frequencies above the Nyquist frequency of the longer of the two sampling
+        intervals, so that none are aliased. It keeps lower frequencies. Only the difference from the straight
+        line through the first and the last sample is filtered, so that an offset does not ring at the ends.
+        The time of the first sample does not change.
 
-        Raises `ValueError` for dt ≤ 0, for a dt longer than the duration, and if the ratio of the two
-        intervals is not a ratio of whole numbers up to 1000.
+        Raises `ValueError` for dt ≤ 0 and for a dt longer than the duration. The ratio of the two intervals
+        must be a ratio of whole numbers up to 1000, or `ValueError` is raised.
         """
         dt = require_number("resampled", "dt", dt, lambda v: v > 0, "finite and > 0 s")
         if dt > self.duration:
@@ -117,8 +118,8 @@ class Motion(Accelerogram):
 
         up, down = ratio.numerator, ratio.denominator
         count = (len(self) - 1) * up // down + 1
-        # The line through both ends is not filtered, because the gain of the filter for a constant varies
-        # by 1e-3 between samples.
+        # The line is not filtered, because the gain of the filter for a constant varies by 1e-3 between
+        # samples.
         first, last = self.acceleration[[0, -1]]
         line = lambda times: first + (last - first) / self.duration * times
         filtered = resample_poly(self.acceleration - line(self.time), up, down)[:count]
@@ -143,13 +144,15 @@ class Motion(Accelerogram):
             )
         s = np.linspace(0.0, 1.0, len(self))  # time divided by the duration T
         end = self.velocity[-1]
-        # The polynomial is v(T) s + Σ c_k (s^k − s), where the sum is zero at both ends.
+        # The polynomial is v(T) s + Σ c_k (s^k − s) with k = 2 … order; the sum is zero at both ends.
         powers = np.arange(2, order + 1)
         shapes = s[:, None] ** powers - s[:, None]
         c = np.linalg.lstsq(shapes, self.velocity - end * s, rcond=None)[0]
         slope = end + (powers * s[:, None] ** (powers - 1) - 1) @ c
         corrected = self._with_samples(self.acceleration - slope / self.duration, baseline_order=order)
-        # The velocity that the corrected samples reach at the end is not exactly zero; a constant removes it.
+        # Between samples, the correction is linear, whereas the derivative of the polynomial may be curved.
+        # The velocity at the end is therefore not exactly zero; subtracting a constant acceleration makes it
+        # zero.
         corrected = corrected._with_samples(corrected.acceleration - corrected.velocity[-1] / self.duration)
         return corrected._with_vertical(lambda vertical: vertical.baseline_corrected(order))
 
@@ -157,10 +160,12 @@ class Motion(Accelerogram):
         """Return the part of the motion in which the Arias intensity grows from the fraction `lower` to the
         fraction `upper` of its final value [–].
 
-        The result may end with a velocity that is not zero; [`rockjax.Motion.baseline_corrected`][] removes
-        it. A vertical component with fewer than two samples in this part is left out. Raises `ValueError`
-        unless 0 ≤ lower < upper ≤ 1, for a motion that is zero throughout, and for a vertical component with
-        another sampling interval.
+        The velocity at the end of the result may differ from zero; [`rockjax.Motion.baseline_corrected`][]
+        corrects this. The vertical component is cut at the same times. If it has fewer than two samples
+        between these times, the result has no vertical component.
+
+        Raises `ValueError` unless 0 ≤ lower < upper ≤ 1, for a motion that is zero throughout, and for a
+        vertical component with another sampling interval.
         """
         for name, value in (("lower", lower), ("upper", upper)):
             require_number("trimmed", name, value, lambda v: 0 <= v <= 1, "in [0, 1], and lower < upper")
@@ -220,7 +225,7 @@ class Motion(Accelerogram):
             header_text(key, default)
             for key, default in (("event", self.name), ("date", ""), ("station", ""), ("component", ""))
         )
-        # Smaller samples become 0, so that exponents have two digits and columns do not touch.
+        # Smaller samples would need exponents of three digits, which leave no blank between the columns.
         samples = np.where(
             np.abs(self.acceleration) < _AT2_SMALLEST * STANDARD_GRAVITY, 0.0, self.acceleration
         )
@@ -311,18 +316,20 @@ class Motions(Sequence[Motion]):
     def paired(self) -> Motions:
         """Return the horizontal motions, each with the vertical component of its station and event.
 
-        Stations, events, dates and components are taken from the headers. For a horizontal motion without a
-        station in the header, the names decide: the name of the vertical motion, without the component, must
-        be a prefix of the name of the horizontal motion. The sign of a vertical component that points down is
-        changed. Raises `ValueError` if there is no horizontal motion, or if any horizontal motion does not
-        match exactly one vertical motion; the message lists all such motions.
+        Two motions belong together if their headers state the same station, event and date. If the header of
+        a horizontal motion states no station, the names decide: the name of the vertical motion, without a
+        suffix such as UP, must be the beginning of the name of the horizontal motion. A vertical component
+        that is positive downwards is multiplied by −1.
+
+        Raises `ValueError` if there is no horizontal motion, or if any horizontal motion does not match
+        exactly one vertical motion; the message lists all such motions.
         """
         return Motions(pair_motions(self.motions))
 
     def scaled_to(
         self, measure: str, value: float, *, period: float | None = None, damping: float = 0.05
     ) -> Motions:
-        """Return every motion, scaled so that its `measure` equals `value`.
+        """Return the motions, each scaled so that its `measure` equals `value`.
 
         - `measure`: `"PGA"` [m/s²], `"PGV"` [m/s], `"PGD"` [m], `"CAV"` [m/s], `"arias_intensity"` [m/s], or
           `"Sa"` [m/s²]

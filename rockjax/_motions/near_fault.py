@@ -1,4 +1,8 @@
-"""Pulses of near-fault records: tables of Mavroeidis–Papageorgiou pulses, and fits of a pulse to a record."""
+"""Pulses of near-fault records: tables of Mavroeidis–Papageorgiou pulses, and fits of a pulse to a record.
+
+[`rockjax.MavroeidisPapageorgiou`][] defines the parameters of a pulse: velocity amplitude A [m/s], frequency
+f_p [Hz], number of oscillations γ > 1 [–] and phase ν [rad].
+"""
 
 from __future__ import annotations
 
@@ -24,10 +28,10 @@ from .motion import Motion
 
 COLUMNS = ("A", "f_p", "gamma", "nu")
 QUANTITIES = ("velocity", "displacement")
-PERIODS = (0.3, 12.0)  # default range of initial periods [s]; the record's duration is another upper limit
+PERIODS = (0.3, 12.0)  # default range of initial periods 1/f_p [s], in addition at most the record's duration
 OSCILLATIONS = (1.05, 1.5, 2.0, 3.0, 5.0)  # initial values of γ
 FREQUENCIES = 40  # number of initial frequencies
-STARTS = 4  # number of pulses from which least-squares fits start
+STARTS = 4  # number of initial pulses from which least-squares fits start
 
 
 class PulseTable(NamedTuple):
@@ -44,10 +48,15 @@ class PulseTable(NamedTuple):
 def read_pulses(path: str | Path) -> PulseTable:
     """Read a table of Mavroeidis–Papageorgiou pulses.
 
-    The file is a CSV with the columns `A` [m/s] or `A_cm_s` [cm/s], `f_p` [Hz], `gamma` [–], `nu` [rad]
-    or `nu_deg` [°], and optionally `name` (by default the number of the pulse, from 1). Lines that begin
-    with `#` are comments. Raises `ValueError` for a missing column, for a cell that is not a finite number,
-    and for parameters outside their ranges.
+    - `path`: CSV file with one pulse in each row
+
+    The first row names the columns: the amplitude `A` [m/s] or `A_cm_s` [cm/s]; the frequency `f_p` [Hz]; the
+    number of oscillations `gamma` [–]; and the phase `nu` [rad] or `nu_deg` [°]. The column `name` is
+    optional; without it, the names are the numbers of the pulses, from 1. Lines that begin with `#` are
+    comments.
+
+    Raises `ValueError` for a missing column, for a cell that is not a finite number, and for parameters
+    outside their ranges.
     """
     path = Path(path)
     lines = ["" if line.lstrip().startswith("#") else line for line in read_text(path).splitlines()]
@@ -72,7 +81,7 @@ def read_pulses(path: str | Path) -> PulseTable:
 
 
 def _number(path: Path, k: int, column: str, row: dict[str, str]) -> float:
-    """Return the number in a column of row k."""
+    """Return the number in a column of row k, counted from 0. Raises `ValueError` unless it is finite."""
     text = row.get(column, "")
     try:
         value = float(text)
@@ -89,8 +98,9 @@ class PulseFit:
 
     - `pulse`: the pulse, centred on t = 0
     - `time`: time of the pulse's centre in the record [s]
-    - `share`: share of ∫y² dt of the record that the pulse explains, with the fitted quantity y [–]
-    - `quantity`: the fitted quantity, `"velocity"` or `"displacement"`
+    - `share`: the explained share 1 − ∫(y − y_p)² dt/∫y² dt, where y is the velocity or displacement of the
+      record, and y_p that of the pulse [–]
+    - `quantity`: the fitted quantity y, `"velocity"` or `"displacement"`
     """
 
     pulse: MavroeidisPapageorgiou
@@ -99,16 +109,17 @@ class PulseFit:
     quantity: str
 
     def velocity(self, times) -> Float[Array, " n"]:
-        """Return the velocity of the pulse at times of the record, shape (n,) [m/s]."""
+        """Return the velocity of the pulse, shape (n,) [m/s]. `times` counts from the start of the record
+        [s]."""
         return _velocity(self.pulse, jnp.asarray(times, float) - self.time)
 
     def residual(self, motion: Motion) -> Motion:
-        """Return the motion minus the pulse; a vertical component is kept unchanged."""
+        """Return the motion minus the pulse. A vertical component is not changed."""
         pulse = np.asarray(self.pulse(jnp.asarray(motion.time) - self.time))
         return dataclasses.replace(motion, acceleration=motion.acceleration - pulse)
 
     def rest(self, motion: Motion) -> Motion:
-        """Former name of `residual`."""
+        """Deprecated name of `residual`."""
         warnings.warn("PulseFit.rest is called PulseFit.residual now", DeprecationWarning, stacklevel=2)
         return self.residual(motion)
 
@@ -130,17 +141,21 @@ def fit_pulse(
 ) -> PulseFit:
     """Fit a Mavroeidis–Papageorgiou pulse to a record, by least squares on velocity or displacement.
 
-    - `motion`: a [`rockjax.Motion`][] or [`rockjax.Record`][], which starts at rest
+    - `motion`: one [`rockjax.Motion`][] or [`rockjax.Record`][], which starts at rest
     - `quantity`: the fitted quantity. The displacement gives more weight to long periods, and needs a
-      record with a correct displacement
+      record without baseline drift
     - `shortest`, `longest`: range of the initial periods 1/f_p, 0 < shortest < longest; periods longer than
       the record are not used [s]
 
-    For 40 initial periods and 5 numbers of oscillations, correlation with the velocity finds the best time,
-    amplitude and phase of a pulse. Least-squares fits (Levenberg–Marquardt) start from up to four of these
-    pulses, at whose periods the explained share has the largest local maxima. [`rockjax.refit_pulse`][] gives
-    derivatives of the pulse with respect to the samples. Raises `ValueError` for traced samples, for none or
-    several motions, for a motion that is zero throughout, and for an invalid `quantity` or range of periods.
+    First, a correlation with the velocity gives the best time, amplitude and phase of a pulse for each of 40
+    initial periods and 5 initial numbers of oscillations. For each period, the best number of oscillations is
+    kept. Then least-squares fits (Levenberg–Marquardt) start from up to four of these pulses: those at the
+    largest local maxima of the explained share ([`rockjax.PulseFit`][]) over the period. The fit with the
+    largest share is returned. [`rockjax.refit_pulse`][] gives derivatives of the pulse with respect to the
+    samples.
+
+    Raises `ValueError` for traced samples, for none or several motions, for a motion that is zero throughout,
+    and for an invalid `quantity` or range of periods.
     """
     owner = "fit_pulse"
     motions = as_motions(owner, motion)
@@ -155,12 +170,13 @@ def fit_pulse(
     record = motions[0]
     if not np.any(record.velocity):
         raise ValueError(f"{owner}: {record.name} is zero throughout")
-    # Even if the record is shorter than `shortest`, a narrow range of periods remains.
+    # If the record is shorter than `shortest`, the range of periods is very narrow, but not empty.
     longest = max(min(longest, record.duration), 1.0001 * shortest)
     starts = _starting_pulses(
         record.velocity, record.dt, np.geomspace(1 / longest, 1 / shortest, FREQUENCIES)
     )
-    # Starts are repeated up to a fixed number, so that one compiled program serves all records.
+    # The first start is repeated until there are STARTS of them, so that the number of starts does not change
+    # the compiled program.
     starts += starts[:1] * (STARTS - len(starts))
     stacked_starts = jax.tree.map(lambda *ys: np.stack(ys), *starts)
     leaves = _refit_stacked(record.acceleration, record.dt, stacked_starts, quantity=quantity)
@@ -172,19 +188,19 @@ def fit_pulse(
 
 def _refit_leaves(acceleration, dt, starts: PulseFit, *, quantity: str) -> list[Array]:
     fits = jax.vmap(lambda start: refit_pulse(acceleration, dt, start, quantity=quantity))(starts)
-    return jax.tree.leaves(fits)  # a stored program cannot return a tree of modules
+    return jax.tree.leaves(fits)  # a stored program can return arrays, but no modules such as pulses
 
 
 _refit_stacked = StoredProgram(_refit_leaves)
 
 
 def _starting_pulses(velocity: np.ndarray, dt: float, frequencies: np.ndarray) -> list[PulseFit]:
-    """Return the starting points of the fits: at most four pulses, at whose frequencies the explained share
-    has the largest local maxima.
+    """Return at most four pulses from which least-squares fits start, the one with the largest explained
+    share first. Each has a frequency at which the explained share has a local maximum.
 
     - `velocity`: velocity of the record, shape (n,) [m/s]
     - `dt`: sampling interval [s]
-    - `frequencies`: frequencies of the pulses [Hz]; for each, the best γ, time, amplitude and phase are used
+    - `frequencies`: possible frequencies [Hz]; for each, the best γ, time, amplitude and phase are computed
     """
     total = float(velocity @ velocity)
     best = [max(_best_pulse(velocity, dt, f, gamma) for gamma in OSCILLATIONS) for f in frequencies]
@@ -207,11 +223,12 @@ def _best_pulse(velocity: np.ndarray, dt: float, f_p: float, gamma: float) -> tu
     """
     from scipy.signal import fftconvolve
 
-    half_count = math.floor(0.5 * gamma / f_p / dt)  # number of samples in half of the pulse
+    half_count = math.floor(0.5 * gamma / f_p / dt)  # number of samples on each side of the centre
     phase = 2 * math.pi * f_p * dt * np.arange(-half_count, half_count + 1)
     window = 0.5 * (1 + np.cos(phase / gamma))
     shapes = np.stack([window * np.cos(phase), -window * np.sin(phase)])
-    # For each time of the centre, the normal equations are diagonal, as one shape is even and the other odd.
+    # The pulse is a·shapes[0] + b·shapes[1]. The first shape is even and the second odd, so the equations of
+    # least squares for a and b are independent of each other.
     correlations = np.stack([fftconvolve(velocity, shape[::-1], mode="full") for shape in shapes])
     norms = np.maximum(np.sum(shapes**2, axis=1), 1e-300)[:, None]
     explained = np.sum(correlations**2 / norms, axis=0)
@@ -227,15 +244,15 @@ def refit_pulse(
     *,
     quantity: str | None = None,
 ) -> PulseFit:
-    """Refine a pulse by least squares. The result is differentiable with respect to the samples; the function
-    works under `jit` and `vmap`.
+    """Refine a pulse by least squares. The function is differentiable with respect to the samples, and works
+    under `jit` and `vmap`.
 
     - `acceleration`: samples of a record that is linear between samples and starts at rest, shape (n,) [m/s²]
     - `dt`: sampling interval [s]
     - `start`: the pulse to refine, such as the result of [`rockjax.fit_pulse`][]
     - `quantity`: the fitted quantity, `"velocity"` or `"displacement"`; None for `start.quantity`
 
-    Derivatives follow from the implicit function theorem at the minimum.
+    Derivatives follow from the implicit function theorem at the minimum of the sum of squares.
     """
     import optimistix as optx
 
@@ -245,7 +262,7 @@ def refit_pulse(
     t = dt * jnp.arange(acceleration.shape[-1], dtype=float)
     target = _ground_velocity(acceleration, dt)
     if quantity == "displacement":
-        # The velocity is a parabola between samples.
+        # The velocity is a parabola between samples, so this trapezoidal rule with end correction is exact.
         increments = dt * (0.5 * (target[1:] + target[:-1])) - dt**2 / 12 * jnp.diff(acceleration)
         target = jnp.concatenate([jnp.zeros(1), jnp.cumsum(increments)])
     amplitude = jax.lax.stop_gradient(jnp.max(jnp.abs(target)))
@@ -271,7 +288,8 @@ def _ground_velocity(acceleration: Float[Array, " n"], dt) -> Float[Array, " n"]
 
 
 def _pulse(y: Float[Array, " 5"]) -> MavroeidisPapageorgiou:
-    """Return the pulse with the parameters (A, ln f_p, ln(γ − 1), ν, time) of the least squares."""
+    """Return the pulse with the unknowns y = (A, ln f_p, ln(γ − 1), ν, time of the centre) of the least
+    squares. The pulse does not depend on the time."""
     return MavroeidisPapageorgiou(y[0], jnp.exp(y[1]), 1 + jnp.exp(y[2]), y[3])
 
 
@@ -283,7 +301,7 @@ def _normalise(pulse: MavroeidisPapageorgiou) -> MavroeidisPapageorgiou:
 
 
 def _velocity(pulse: MavroeidisPapageorgiou, t: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Return the velocity of the pulse at times t from its centre, shape (n,) [m/s]."""
+    """Return the velocity of the pulse at times `t` after its centre, shape (n,) [m/s]."""
     phase = 2 * math.pi * pulse.f_p * t
     is_inside = jnp.abs(t) <= 0.5 * pulse.gamma / pulse.f_p
     shape = 0.5 * (1 + jnp.cos(phase / pulse.gamma)) * jnp.cos(phase + pulse.nu)
@@ -291,8 +309,8 @@ def _velocity(pulse: MavroeidisPapageorgiou, t: Float[Array, " n"]) -> Float[Arr
 
 
 def _displacement(pulse: MavroeidisPapageorgiou, t: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Return the displacement of the pulse at times t from its centre, zero before the pulse, shape (n,)
-    [m]."""
+    """Return the displacement of the pulse at times `t` after its centre, shape (n,) [m]. Before the pulse,
+    it is zero."""
     half, omega = 0.5 * pulse.gamma / pulse.f_p, 2 * math.pi * pulse.f_p
 
     def integral(time):

@@ -1,5 +1,7 @@
-"""Provenance of the records of a result: name, source, sampling, PGA and checksum, as attributes of result
-files."""
+"""Provenance of the records of a result: name, source, sampling, PGA (peak ground acceleration) and checksum.
+
+Result files store these values as attributes. The checksum is the SHA-256 of the samples.
+"""
 
 from __future__ import annotations
 
@@ -16,13 +18,13 @@ from .records import RecordPairs, Records
 
 
 def sha256(samples: Any) -> str:
-    """Return the SHA-256 of samples [m/s²] in little-endian float64."""
+    """Return the SHA-256 of the bytes of samples [m/s²] in little-endian float64."""
     return hashlib.sha256(np.ascontiguousarray(samples, "<f8").tobytes()).hexdigest()
 
 
 def describe_record(record: Record) -> dict[str, Any]:
-    """Return attributes that identify a record: number of samples, dt, PGA (including `scale`), and
-    checksum of the unscaled samples."""
+    """Return attributes that identify a record: number of samples, dt [s], PGA with the factor `scale`
+    [m/s²], and checksum of the samples without this factor."""
     samples = np.asarray(record.acceleration, float)
     return {
         "record_samples": samples.size,
@@ -33,8 +35,9 @@ def describe_record(record: Record) -> dict[str, Any]:
 
 
 def describe_origin(motion: Any) -> tuple[tuple[str, str | float], ...]:
-    """Return attributes with the name of a `Motion`, and with its source, scale factor and seed if it has
-    them; likewise for a vertical component. Empty for other excitations."""
+    """Return the name of a `Motion` as an attribute, and its source, scale factor and seed if it has them.
+    The attributes of a vertical component have the prefix `vertical_`. For other excitations, return an empty
+    tuple."""
     if not isinstance(motion, Motion):
         return ()
     attributes: dict[str, Any] = {"record_name": motion.name}
@@ -49,10 +52,13 @@ def describe_origin(motion: Any) -> tuple[tuple[str, str | float], ...]:
 
 def describe_motions(excitations: Any) -> dict[str, Any]:
     """Return attributes that describe one record or several. For several records, the value of each attribute
-    is a list with one element per record. Empty for other excitations.
+    is a list with one element per record. For other excitations, return an empty dictionary.
 
-    The attributes are number of samples, dt, PGA and checksum; for a `Motion`, also those of
-    `describe_origin`; for a table of records, only dt, PGA and checksum.
+    - `Record`: number of samples, dt, PGA and checksum
+    - `Motion`, `Motions`: in addition, the attributes of `describe_origin`
+    - `Records`, `RecordPairs`: dt, PGA and checksum
+
+    If there is a vertical component, samples, dt, PGA and checksum are those of the horizontal one.
     """
     if isinstance(excitations, Motion):
         record = excitations.record()
@@ -71,8 +77,8 @@ def describe_motions(excitations: Any) -> dict[str, Any]:
 
 
 def _named_motions(argument: Any) -> list[Motion]:
-    """Return all `Motion` objects in a value, also in nested lists. Other excitations have neither a name nor
-    a source."""
+    """Return all `Motion` objects in a value, also those in nested lists. Other excitations are left out,
+    because they have neither a name nor a source."""
     if isinstance(argument, Motion):
         return [argument]
     if isinstance(argument, list | tuple | Motions):
@@ -84,10 +90,11 @@ def record_coords(records: Records | RecordPairs, argument: Any = None) -> dict[
     """Return dataset coordinates along the dimension `record` that identify records.
 
     - `records`: table of the records
-    - `argument`: argument from which the table was made, or None
+    - `argument`: motions from which the table was made, or None
 
-    The coordinates are dt, PGA and checksum of the samples, of pairs those of the horizontal records. If
-    `argument` gives a source for every record, the sources are added; likewise the seeds.
+    The coordinates are dt [s], PGA [m/s²] and checksum of every record. For pairs, these are the values of
+    the horizontal record. If `argument` gives a source file for every record, the sources are another
+    coordinate. If it gives a seed for every record, the seeds are another one.
     """
     table = records.horizontal if isinstance(records, GroundMotion) else records
     assert isinstance(table, Records)

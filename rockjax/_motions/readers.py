@@ -1,4 +1,4 @@
-"""Readers of one ground motion from a file, and of several from a folder or table."""
+"""Readers of ground motions: `read_motion` for one file, `read_suite` for a folder or a table of files."""
 
 from __future__ import annotations
 
@@ -22,26 +22,35 @@ def read_motion(
 ) -> Motion:
     """Read the ground motion in a file, with the contents of the file header.
 
-    The suffix or the first lines determine the format: PEER's `.AT2`; volume 2 (corrected data) of CSMIP,
-    COSMOS and GeoNet (`.V2`, `.V2c`, `.V2A`); SMC; ESM, ITACA and AFAD (`KEY: value`), AFAD's older text;
-    K-NET and KiK-net (`.NS`, `.EW`, `.UD`, `.NS1` …); text with one column, or with times and accelerations;
-    NumPy's `.npy`; and miniSEED, SAC and GSE2 with ObsPy, which the extra `rockjax[records]` installs. Text
-    may have comments (`#`, `%`, `!`) and headings such as `time [ms],Acc (cm/s2)`; blanks, commas, semicolons
-    or tabs separate its columns.
+    The suffix of the file or its first lines determine the format:
+
+    - PEER (`.AT2`)
+    - volume 2 (corrected data) of CSMIP, COSMOS and GeoNet (`.V2`, `.V2c`, `.V2A`)
+    - SMC
+    - ESM, ITACA and AFAD with a header of lines `KEY: value`, and the older text format of AFAD
+    - K-NET and KiK-net (`.NS`, `.EW`, `.UD`, `.NS1` …)
+    - text with one column of accelerations, or with columns of times and accelerations. Lines that begin with
+      `#`, `%` or `!` are comments. A line of headings, such as `time [ms],Acc (cm/s2)`, is optional. Blanks,
+      commas, semicolons or tabs separate the columns
+    - NumPy (`.npy`)
+    - miniSEED, SAC and GSE2; these formats need ObsPy, which the extra `rockjax[records]` installs
+
+    The arguments:
 
     - `path`: file to read
-    - `units`: `"g"`, `"m/s2"`, `"cm/s2"`, `"gal"` or `"mm/s2"`; required if the file does not state its unit
+    - `units`: unit of the samples, `"g"`, `"m/s2"`, `"cm/s2"`, `"gal"` or `"mm/s2"`; required if the file
+      does not state the unit
     - `dt`: sampling interval, > 0 [s]; required if the file contains neither the interval nor times
-    - `component`: number or name of a channel, such as `1`, `"Up"` or `"HNE"`, if the file has several.
-      Any usual name of the vertical component selects the vertical channel
+    - `component`: number or name of a channel, such as `1`, `"Up"` or `"HNE"`; required if the file has
+      several channels. Any usual name of the vertical component selects the vertical channel
 
-    Raises `ValueError` for a file that cannot be read as a ground motion, for headings that are unknown or
-    contradict `units` or `dt`, and for gaps. The message names the file, the cause and, where possible, the
-    line. If a channel must be chosen, the message lists the channels.
+    Raises `ValueError` for a file that cannot be read as a ground motion, for unknown headings, for missing
+    samples, and if `units` or `dt` contradicts the file. The message names the file, the cause and, where
+    possible, the line. If a channel must be chosen, the message lists the channels.
 
-    Warns ([`rockjax.RecordWarning`][]) if the file is damaged, if its data are raw, or if the values look
-    wrong: a PGA outside 1e-4 g to 3 g (with `units="m/s2"`, outside 0.05 g to 3 g), a sampling interval
-    outside 1e-4 s to 0.1 s, or a final velocity of more than a fifth of PGV.
+    Warns ([`rockjax.RecordWarning`][]) if the file is damaged, if its data are raw (not corrected), or if the
+    values look wrong: a PGA outside 1e-4 g to 3 g, or with `units="m/s2"` outside 0.05 g to 3 g; a sampling
+    interval outside 1e-4 s to 0.1 s; or a final velocity of more than a fifth of PGV.
     """
     motion = read(path, units, dt, component)
     warn_if_implausible(motion, str(path), stacklevel=3, unit_from_user=units is not None)
@@ -59,17 +68,21 @@ def read_suite(
 ) -> Motions:
     """Read the ground motions in a folder, or in a table of files.
 
-    - `path`: a folder, or a table. All files of a folder, except hidden ones, are read in the order of their
-      names; if the folder contains a `suite.csv`, this table is read instead. A table is a `.csv` with a row
-      of headings: `file` (relative to the table) and, optionally, `name`, `scale`, `units`, `dt` and
-      `component`. Empty cells count as missing. Other columns become metadata and replace those of the file
+    - `path`: a folder or a table. All files of a folder, except hidden ones, are read in the order of their
+      names. If the folder contains a table `suite.csv`, this table is read instead
     - `units`, `dt`, `component`: as in [`rockjax.read_motion`][], for all files; cells of the table have
       priority
-    - `scale`: factor on all motions [–], multiplied by the column `scale` of the table
-    - `pattern`: pattern such as `"*.AT2"`; only files of the folder whose names match are read, and
+    - `scale`: factor on all motions [–]; it multiplies the column `scale` of the table
+    - `pattern`: only for a folder: a pattern such as `"*.AT2"`. Only files with matching names are read, and
       `suite.csv` is ignored. None for all files
 
-    Raises `ValueError`, which lists all files that cannot be read, each with the cause.
+    A table is a `.csv` file with a row of headings and a row for each ground motion. The column `file`
+    contains the path of the file, relative to the folder of the table. The columns `name`, `scale`, `units`,
+    `dt` and `component` are optional; an empty cell counts as missing. The cells of other columns become
+    metadata, and replace metadata of the same name from the file.
+
+    Raises `ValueError` for an invalid argument or table, for a folder without files, and if any file cannot
+    be read. The message lists all files that cannot be read, each with the cause.
     """
     require_instance("read_suite", "path", path, str | Path, "the path of a folder or table")
     require_instance("read_suite", "pattern", pattern, str | None, "a pattern such as '*.AT2', or None")
@@ -103,8 +116,8 @@ def read_suite(
 
 
 def is_table(path: Path) -> bool:
-    """Return whether a file is a table of files, not a motion: a `.csv` with the heading `file` in the first
-    row."""
+    """Return whether a file is a table of files, and not a motion: a `.csv` whose first row contains the
+    heading `file`."""
     if path.suffix.lower() != ".csv":
         return False
     try:
@@ -116,8 +129,8 @@ def is_table(path: Path) -> bool:
 
 
 def _read_table(path: Path) -> list[tuple[str, dict[str, str]]]:
-    """Return each row of a table of files: the location (path and line), for messages, and the non-empty
-    cells by heading."""
+    """Return the rows of a table of files. Each row is a pair: its location (path and line) for messages, and
+    a dictionary from heading to cell without the empty cells. Raises `ValueError` for an invalid table."""
     names, iterator = csv_table(path, read_text(path))
     if "file" not in names:
         raise ValueError(
@@ -137,8 +150,8 @@ def _read_table(path: Path) -> list[tuple[str, dict[str, str]]]:
 
 
 def _parse_cell(location: str, row: dict[str, str], name: str) -> float | None:
-    """Return the number in the cell of the column `name`; None for an empty cell. Raises `ValueError` for
-    other text than a finite number."""
+    """Return the number in the cell of the column `name`; None for an empty cell. Raises `ValueError` if the
+    text is not a finite number."""
     try:
         value = float(row[name]) if name in row else None
     except ValueError:
@@ -160,7 +173,8 @@ def _read_all(
 ) -> Motions:
     """Read the files of a folder or table.
 
-    - `path`: the folder or table; `rows`: for each file, its location for messages, and its table cells
+    - `path`: the folder or table, for messages
+    - `rows`: for each file, its location for messages, and its cells of the table by heading
     - `units`, `dt`, `scale`, `component`: as for `read_suite`
     - `advises_pattern`: whether the message about unreadable files advises the argument `pattern`
     """

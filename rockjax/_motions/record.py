@@ -1,4 +1,4 @@
-"""Sampled ground motions as excitations of scenes."""
+"""Sampled ground motions as excitations of scenes. A scene is one structure under one ground motion."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ from .accelerogram import warn_if_implausible
 class Record(AbstractSampled):
     """A sampled ground motion, linear between samples.
 
-    The motion is zero before the first and after the last sample, and may jump at these samples.
+    The motion is zero before the first and after the last sample, and may jump at these two samples.
 
-    - `acceleration`: samples of ü_g, shape (n,), n ≥ 2 [m/s²]
+    - `acceleration`: samples of the ground acceleration ü_g, shape (n,), n ≥ 2 [m/s²]
     - `dt`: sampling interval, > 0 [s]
     - `scale`: factor on the samples [–]
     - `t_start`: time of the first sample [s]
@@ -82,8 +82,8 @@ class Record(AbstractSampled):
         - `scale`: factor on the samples [–]
         - `component`: number or name of a channel, if the file has several; otherwise None
 
-        Formats, errors and warnings are the same as in [`rockjax.read_motion`][], which also returns the
-        contents of the header.
+        Formats, errors and warnings are those of [`rockjax.read_motion`][]. That function also returns the
+        contents of the file header.
         """
         # Imported on first use, because `files` imports the readers of all formats.
         from .files import read
@@ -122,7 +122,7 @@ class Record(AbstractSampled):
         return {"acceleration": 1}
 
     def common_form(self) -> PaddedRecord:
-        """Return the record padded to one of a few sizes. For batches, the possible sizes are closer
+        """Return the record padded with zeros to one of a few sizes. For batches, the sizes are closer
         together, to save memory."""
         samples = self.acceleration
         count, sizes = samples.shape[-1], RECORD_SIZES if samples.ndim == 1 else TABLE_SIZES
@@ -137,7 +137,7 @@ class Record(AbstractSampled):
 
 class PaddedRecord(Record):
     """A record padded with zeros, so that records of different lengths share compiled programs. The first
-    `count` elements are samples."""
+    `count` elements of `acceleration` are the samples of the record."""
 
     count: Int[Array, ""] = eqx.field(converter=as_array, default=0)
 

@@ -1,4 +1,4 @@
-"""Several records in one table, for ensembles of scenes."""
+"""Several records in one table, for batches of scenes. A scene is one structure under one ground motion."""
 
 from __future__ import annotations
 
@@ -36,17 +36,18 @@ MIN_ROWS = 8  # smallest number of rows of a padded table
 class Records(AbstractSampled):
     """A batch of records, of any lengths and sampling intervals, in one table.
 
-    `Records.of(records)` returns a batch of k records, shape (k,). `pick(j)` selects record j, or for an
-    array of indices j a batch of the array's shape. `scaled(factor)` broadcasts `factor` against the batch.
-    In [`rockjax.peak_responses`][] all scenes share the table, and one compiled program serves records of
+    `Records.of(records)` returns a batch of k records, shape (k,). `pick(j)` selects record j. If j is an
+    array of indices, `pick(j)` is a batch with the shape of j. `scaled(factor)` multiplies the records of the
+    batch by `factor`, a number or an array that broadcasts against the batch. In
+    [`rockjax.peak_responses`][], all scenes share the table, and one compiled program serves records of
     different lengths.
 
-    - `acceleration`: samples, shape (k, n), rows padded with zeros [m/s²]
-    - `counts`: numbers of samples, shape (k,)
-    - `intervals`: sampling intervals, shape (k,) [s]
-    - `starts`: times of the first samples, shape (k,) [s]
-    - `which`: indices of the selected rows, with the shape of the batch
-    - `scale`: factor on the samples of the selected rows, scalar or with the shape of the batch [–]
+    - `acceleration`: samples, one record in each row, padded with zeros, shape (k, n) [m/s²]
+    - `counts`: number of samples in each row, shape (k,)
+    - `intervals`: sampling interval of each row, shape (k,) [s]
+    - `starts`: time of the first sample of each row, shape (k,) [s]
+    - `which`: index of the row for each member of the batch, with the shape of the batch
+    - `scale`: factor on the samples for each member of the batch, scalar or with the shape of the batch [–]
     """
 
     acceleration: Float[Array, "k n"]
@@ -57,15 +58,15 @@ class Records(AbstractSampled):
     scale: Float[Array, "*batch"] = eqx.field(converter=as_number("Records: scale"), default=1.0)
 
     def __check_init__(self):
-        if isinstance(self.acceleration, np.ndarray):  # JAX arrays are computed, or already checked
+        if isinstance(self.acceleration, np.ndarray):  # JAX arrays come from `of`, or are computed
             refuse_gaps("Records: acceleration", self.acceleration)
             require_finite_samples("Records", self.acceleration)
         require_finite("Records", scale=self.scale)
 
     @classmethod
     def of(cls, records: Sequence[Record | Motion]) -> Self:
-        """Return a batch of single records; the samples in the table include the scales of the records.
-        Raises `ValueError` for an empty sequence, for elements of other types, and for batches."""
+        """Return single records as a batch. The samples in the table are multiplied by the scales of the
+        records. Raises `ValueError` for an empty sequence, for elements of other types, and for batches."""
         if isinstance(records, Record | Motion | str) or not isinstance(records, Iterable):
             raise ValueError(
                 "Records: records must be a list of rockjax.Record, or rockjax.Motions, got "
@@ -85,7 +86,8 @@ class Records(AbstractSampled):
                 )
         counts = np.array([record.acceleration.size for record in singles], np.int32)
         longest = int(counts.max())
-        # NumPy is used because outside jit every jnp operation would compile separately for every length.
+        # Unless a record is traced, NumPy is used: outside jit, every jnp operation compiles separately for
+        # every length.
         numpy = array_module(singles)
         rows = [
             numpy.pad(
@@ -102,8 +104,9 @@ class Records(AbstractSampled):
         )
 
     def pick(self, which: Int[ArrayLike, "*batch"]) -> Self:
-        """Return the records with the indices `which`, with the scale 1, as a batch of the shape of `which`.
-        Raises `ValueError` for indices that are not whole numbers, and for concrete indices out of range."""
+        """Return the records with the indices `which` as a batch with the shape of `which` and the scale 1.
+        Raises `ValueError` for indices that are not whole numbers, and for indices out of range unless they
+        are traced."""
         which = which if isinstance(which, jax.Array) else np.asarray(which)
         indices, is_integer = concrete(which), np.issubdtype(which.dtype, np.integer)
         if not is_integer or (indices is not None and not np.all((indices >= 0) & (indices < len(self)))):
@@ -153,12 +156,13 @@ class Records(AbstractSampled):
         return numpy.where(is_sample, numpy.abs(self.acceleration), 0.0)
 
     def pick_scaled(self, which, scale) -> Self:
-        """Return the records with the indices `which` and the factors `scale` on the samples. The arguments
-        are neither checked nor converted, so NumPy arrays stay NumPy arrays."""
+        """Return the records with the indices `which`, with the factors `scale` on the samples [–]. The
+        indices are not checked, and arrays are not converted: NumPy arrays stay NumPy arrays."""
         return dataclasses.replace(self, which=which, scale=scale)
 
     def common_form(self) -> Self:
-        """Return the table padded to one of a few sizes. The additional rows are never selected."""
+        """Return the table padded to one of a few sizes, so that tables of different sizes share compiled
+        programs. No member of the batch refers to an added row."""
         rows = max(MIN_ROWS, 1 << (len(self) - 1).bit_length())
         return dataclasses.replace(
             self,
@@ -176,12 +180,12 @@ class Records(AbstractSampled):
 
 
 class RecordPairs(GroundMotion):
-    """A batch of record pairs: the same rows of a table of horizontal records and of a table of vertical
-    records. `which`, `scale` and `magnitudes` are those of the horizontal records."""
+    """A batch of pairs of a horizontal and a vertical record. Both tables have the same number of rows, and
+    equal rows form a pair. `which`, `scale` and `magnitudes` are those of the horizontal records."""
 
     @classmethod
     def of(cls, pairs: Sequence[GroundMotion]) -> Self:
-        """Return a batch of single pairs of records."""
+        """Return single pairs of records as a batch."""
         return cls(*(Records.of([getattr(pair, part) for pair in pairs]) for part in PARTS))
 
     @property
@@ -207,7 +211,7 @@ class RecordPairs(GroundMotion):
         return self._map_components(lambda records: records.pick(which))
 
     def pick_scaled(self, which, scale) -> Self:
-        """Return the pairs with the indices `which` and the factors `scale`, like `Records.pick_scaled`."""
+        """Return the pairs with the indices `which` and the factors `scale`; see `Records.pick_scaled`."""
         return self._map_components(lambda records: records.pick_scaled(which, scale))
 
     def _map_components(self, change: Callable[[Records], Records]) -> Self:
@@ -216,6 +220,6 @@ class RecordPairs(GroundMotion):
 
 
 def _pad_end(values, size: int, fill: float):
-    """Return values padded at the end with `fill` to the length `size`."""
+    """Return an array, padded at the end with `fill` to the length `size`."""
     numpy = array_module(values)
     return numpy.concatenate([values, numpy.full(size - values.shape[0], fill, values.dtype)])

@@ -1,4 +1,4 @@
-"""Pairs of horizontal and vertical motions of one station and event."""
+"""Search for the vertical motion that belongs to a horizontal motion: same station, same event."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ M = TypeVar("M", bound=Accelerogram)
 
 
 def pair_motions(motions: Sequence[M]) -> tuple[M, ...]:
-    """Return the horizontal motions in their order, each with the vertical component, as
-    [`rockjax.Motions.paired`][] describes."""
+    """Return the horizontal motions in their order, each with its vertical component.
+    [`rockjax.Motions.paired`][] describes the rules and the errors."""
     vertical: dict[tuple, list[M]] = defaultdict(list)
     horizontal: list[M] = []
     for motion in motions:
@@ -55,16 +55,19 @@ def _is_vertical(motion: Accelerogram) -> bool:
 
 
 def _station_key(motion: Accelerogram) -> tuple[str, ...]:
-    """Return a key for motions that belong together: station, event and date. If the header states no
-    station, the key is the name of the motion."""
+    """Return the key by which motions belong together: station, event and date. If the header states no
+    station, the key contains the name of the motion instead."""
     key = [str(motion.metadata.get(name) or "") for name in ("station", "event", "date")]
     return tuple(key) if key[0] else ("", motion.name)
 
 
 def _match_name(motion: M, vertical: dict[tuple, list[M]]) -> list[M]:
-    """Return the vertical motions whose stem (name without the component) is a prefix of the name of
-    `motion`; if there are several such stems, those with the longest. Empty if the header of the motion
-    states a station."""
+    """Return the vertical motions that match `motion` by name. The list is empty if the header of `motion`
+    states a station.
+
+    The stem of a vertical motion is its name without the suffix of the component. A vertical motion matches
+    if its stem is the beginning of the name of `motion`. Only the matches with the longest stem are returned.
+    """
     if motion.metadata.get("station"):
         return []
     stems = [(split_name(other.name)[0], other) for others in vertical.values() for other in others]
@@ -74,9 +77,12 @@ def _match_name(motion: M, vertical: dict[tuple, list[M]]) -> list[M]:
 
 
 def _match_depth(motion: M, others: list[M]) -> list[M]:
-    """Return the vertical motions of a station (`others`) from the same depth as `motion`; all of `others` if
-    no depth matches. In KiK-net, components that end in 1 are from the borehole, and in 2 from the surface,
-    so UD1 belongs to EW1."""
+    """Return the vertical motions among `others`, all from one station, that are from the same depth as
+    `motion`. If there is none, or if `others` has only one element, return `others`.
+
+    In KiK-net, the names of components end in 1 in the borehole and in 2 at the surface, so UD1 belongs to
+    EW1.
+    """
     if len(others) < 2:
         return others
 
@@ -88,7 +94,7 @@ def _match_depth(motion: M, others: list[M]) -> list[M]:
 
 
 def _orient_upwards(motion: M) -> M:
-    """Return a vertical motion that is positive upwards: change the sign if the component points down."""
+    """Return a vertical motion with upwards positive: if it is positive downwards, its sign is changed."""
     if not points_down(_component(motion) or split_name(motion.name)[1]):
         return motion
     return dataclasses.replace(motion, acceleration=-motion.acceleration)

@@ -1,15 +1,15 @@
 """Synthetic ground motions: filtered white noise with an envelope, optionally with a velocity pulse.
 
-Kanai (1957) and Tajimi (1960) filter white noise with a soil layer of frequency ω_g and damping ratio ζ_g.
-The high-pass filter of Clough & Penzien (1993), with the frequency ω_f and damping ratio ζ_f, makes velocity
-and displacement finite.
-With the spectral density S_0 of the white noise, the filtered noise has the spectral density S(ω):
+The filter of Kanai (1957) and Tajimi (1960) is a soil layer with the frequency ω_g and damping ratio ζ_g. The
+high-pass filter of Clough & Penzien (1993), with the frequency ω_f and damping ratio ζ_f, makes velocity and
+displacement finite. If the white noise has the spectral density S_0, the filtered noise has the spectral
+density S(ω) with
 
     S(ω)/S_0 = (1 + 4ζ_g² r²)/((1 − r²)² + 4ζ_g² r²) · s⁴/((1 − s²)² + 4ζ_f² s²),  r = ω/ω_g, s = ω/ω_f.
 
-The envelope of Saragoni & Hart (1974), in the form of Boore (1983), has its maximum 1 at the time ε t_n and
-the value η at the end t_n; here, a taper then brings the end to zero. The pulse follows Mavroeidis &
-Papageorgiou (2003).
+The envelope is that of Saragoni & Hart (1974) in the form of Boore (1983). For a motion of the duration t_n,
+it is 1, its maximum, at the time ε t_n, and decreases to η at the time t_n. Close to t_n, it is multiplied by
+a taper that ends at zero. The pulse follows Mavroeidis & Papageorgiou (2003).
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from rockjax._units import STANDARD_GRAVITY
 from .convert import require_single
 from .motion import Motion, Motions
 
-_TAPER = 0.05  # last fraction of the duration, in which the envelope is tapered from about η to zero
+_TAPER = 0.05  # length of the taper at the end of the envelope, divided by the duration
 
 
 @dataclasses.dataclass(frozen=True)
 class Soil:
-    """Parameters of the spectral density; the defaults are the firm soil of Der Kiureghian & Neuenhofer
+    """Parameters of the spectral density. The defaults describe the firm soil of Der Kiureghian & Neuenhofer
     (1992).
 
     - `omega_g`, `zeta_g`: frequency [rad/s] and damping ratio [–] of the soil
@@ -47,19 +47,19 @@ class Soil:
 
 
 def spectral_density(omega, soil: Soil) -> np.ndarray:
-    """Return S(ω)/S_0 of Clough & Penzien [–], with the shape of `omega` [rad/s]."""
+    """Return S(ω)/S_0 [–] at the circular frequencies `omega` [rad/s], with the shape of `omega`."""
     r2, s2 = (omega / soil.omega_g) ** 2, (omega / soil.omega_f) ** 2
     ground = (1 + 4 * soil.zeta_g**2 * r2) / ((1 - r2) ** 2 + 4 * soil.zeta_g**2 * r2)
     return ground * s2**2 / ((1 - s2) ** 2 + 4 * soil.zeta_f**2 * s2)
 
 
 def envelope(t: np.ndarray, duration: float, peak: float, end: float) -> np.ndarray:
-    """Return Saragoni & Hart's envelope [–].
+    """Return Saragoni & Hart's envelope with the taper, shape (n,) [–].
 
-    - `t`: times [s]
-    - `duration`: time t_n of the end [s]
+    - `t`: times from 0 to the duration, shape (n,) [s]
+    - `duration`: duration t_n [s]
     - `peak`: ε, the time at which the envelope is 1, divided by the duration [–]
-    - `end`: η, the value at the end without the taper to zero [–]
+    - `end`: η, the value at the end if there were no taper [–]
     """
     b = -peak * math.log(end) / (1 + peak * (math.log(peak) - 1))
     s = t / (peak * duration)
@@ -70,20 +70,23 @@ def envelope(t: np.ndarray, duration: float, peak: float, end: float) -> np.ndar
 
 
 def _normal(seed: int, k: int, count: int) -> np.ndarray:
-    """Return `count` standard normal numbers for motion k, by the method of Box & Muller from bits of the
-    generator PCG64. Unlike the numbers of `Generator.standard_normal`, these bits are the same in every
-    version of NumPy."""
+    """Return `count` standard normal numbers for motion k.
+
+    The method of Box & Muller computes them from bits of the generator PCG64. Every version of NumPy returns
+    the same bits, whereas the numbers of `Generator.standard_normal` may change between versions.
+    """
     bits = np.random.PCG64(np.random.SeedSequence([seed, k])).random_raw(2 * count)
     u, v = ((bits >> np.uint64(11)).astype(float) + 0.5).reshape(2, count) * 2.0**-53
     return np.sqrt(-2 * np.log(u)) * np.cos(2 * math.pi * v)
 
 
 def _noise(seed: int, k: int, count: int, dt: float, soil: Soil) -> np.ndarray:
-    """Return stationary noise with the soil's spectral density, shape (count,).
+    """Return stationary noise with the spectral density of the soil, without a unit, shape (count,).
 
-    Noise of twice the length is computed and cut, because the result of an FFT filter is periodic.
+    The result of a filter by FFT is periodic. Therefore noise of twice the length is filtered, and its first
+    half is returned.
 
-    - `seed`, `k`: seed, and index of the motion
+    - `seed`, `k`: seed, and index of the motion from 0
     - `count`, `dt`: number of samples, and sampling interval [s]
     - `soil`: parameters of the spectral density
     """
@@ -93,14 +96,14 @@ def _noise(seed: int, k: int, count: int, dt: float, soil: Soil) -> np.ndarray:
 
 
 def _end_at_rest(acceleration: np.ndarray, dt: float, weight: np.ndarray, at_origin: bool) -> np.ndarray:
-    """Return an acceleration, corrected so that the motion ends at rest.
+    """Return an acceleration, corrected so that the motion ends with zero velocity.
 
-    `weight` times a constant is subtracted, so that the velocity ends at zero. With `at_origin`, `weight`
-    times a straight line is subtracted instead, so that the displacement also ends at zero.
+    The correction is `weight` times a constant. With `at_origin`, it is `weight` times a straight line, so
+    that the displacement at the end is zero, too. The correction is subtracted.
 
     - `acceleration`, `dt`: samples, shape (n,) [m/s²], and sampling interval [s]
-    - `weight`: shape of the correction, (n,) [–]
-    - `at_origin`: whether the displacement ends at zero too
+    - `weight`: factor on the constant or line at each sample, shape (n,) [–]
+    - `at_origin`: whether the displacement at the end must be zero
     """
 
     def final_values(a):
@@ -132,18 +135,17 @@ def synthetic_motions(
     """Return synthetic ground motions: Clough & Penzien's noise with Saragoni & Hart's envelope, and
     optionally a pulse.
 
-    - `count`: number of motions, ≥ 1. Motion k depends only on `seed` and k, so a larger count starts
-      with the same motions
-    - `seed`: whole number ≥ 0; equal seeds give equal motions, up to rounding, with every version of NumPy
+    - `count`: number of motions, ≥ 1. A larger count adds motions and does not change the first ones
+    - `seed`: whole number ≥ 0. Equal seeds give equal motions, up to rounding, with every version of NumPy
     - `dt`: sampling interval, > 0 [s]
     - `duration`: duration, at least 49 dt (50 samples) [s]
-    - `pga`: peak of the noise, without the pulse, > 0 [m/s²]
+    - `pga`: peak acceleration of the noise, without the pulse, > 0 [m/s²]
     - `pulse`: a [`rockjax.MavroeidisPapageorgiou`][] for all motions, or a list with a pulse or None for each
       motion; None for no pulse. A pulse is centred on the peak of the envelope, or as near to this peak as
-      the duration permits. Mavroeidis & Papageorgiou (2003) find A about 1 m/s close to the fault and
-      log10(1/f_p) = 0.5 M_w − 2.9 for the moment magnitude M_w
+      the duration permits. Mavroeidis & Papageorgiou (2003) find an amplitude A of about 1 m/s close to the
+      fault, and log10(1/f_p) = 0.5 M_w − 2.9 with the frequency f_p [Hz] and the moment magnitude M_w
     - `omega_g`, `zeta_g`: frequency [rad/s] and damping ratio [–] of the soil, > 0 (Kanai 1957, Tajimi 1960);
-      15 and 0.6 for firm soil
+      15 rad/s and 0.6 describe firm soil
     - `omega_f`, `zeta_f`: frequency [rad/s] and damping ratio [–] of the high-pass filter, > 0 (Clough &
       Penzien 1993)
     - `envelope_peak`: time at which the envelope (Saragoni & Hart 1974) is 1, divided by the duration; > 0
@@ -151,10 +153,10 @@ def synthetic_motions(
     - `envelope_end`: value of the envelope at the end, > 0 and < 1 [–]. A taper reduces the envelope to zero
       in the last 5 % of the duration
 
-    Velocity and displacement of the noise are zero at the start and at the end, because the envelope times
-    a straight line is subtracted. The pulse ends with zero velocity, but its phase may leave a
-    displacement. Names are synthetic-0001 …; the metadata state that the motions are synthetic, and
-    contain all parameters.
+    Velocity and displacement of the noise are zero at the start and at the end. For this purpose, the
+    envelope times a straight line is subtracted from the acceleration. The velocity of the pulse is also zero
+    at the end, but its displacement is not zero for every phase. The names are synthetic-0001,
+    synthetic-0002, …. The metadata state that the motions are synthetic, and contain all parameters.
 
     Raises `ValueError` for parameters outside their ranges, and for a pulse longer than the motion.
     """
@@ -172,7 +174,7 @@ def synthetic_motions(
             f"synthetic_motions: duration must be at least 49 dt (50 samples), got {duration:g} s and dt = "
             f"{dt:g} s"
         )
-    # Memory of the noise and of its filtered copies.
+    # Memory for the samples of the noise and of two filtered copies, 8 bytes each.
     require_memory(owner, count, 3 * 8 * samples, noun="motions", advice="request fewer or shorter motions")
     pulses = [pulse] * count if pulse is None or isinstance(pulse, MavroeidisPapageorgiou) else pulse
     if isinstance(pulses, str) or not isinstance(pulses, Iterable):
@@ -221,7 +223,14 @@ def synthetic_motions(
 
 
 def _pulse(pulse: MavroeidisPapageorgiou, t: np.ndarray, peak: float) -> np.ndarray:
-    """Return the samples of a pulse, corrected within its duration so that it ends at rest."""
+    """Return the samples of a pulse [m/s²], corrected within its duration so that it ends with zero velocity.
+
+    - `pulse`: the pulse
+    - `t`: times of the samples from 0, shape (n,) [s]
+    - `peak`: time of the peak of the envelope, divided by the duration [–]
+
+    Raises `ValueError` for a pulse that is longer than the motion.
+    """
     A, f_p, gamma, nu = (float(x) for x in (pulse.A, pulse.f_p, pulse.gamma, pulse.nu))
     half = 0.5 * gamma / f_p
     if 2 * half > t[-1]:

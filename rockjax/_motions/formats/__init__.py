@@ -1,7 +1,7 @@
 """File formats of networks and databases, one module each; `FORMATS` lists the text formats.
 
-These modules parse the text formats themselves, because existing packages have many dependencies or do not
-report the line of an error. ObsPy reads binary waveforms, such as miniSEED and SAC.
+The modules parse text formats themselves, because existing packages have many dependencies or do not report
+the line of an error. For binary waveforms, such as miniSEED and SAC, `waveforms` uses the package ObsPy.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def parse(path: Path, content: bytes, component: Component) -> Samples:
 
     - `path`: path of the file, for its suffix and for messages
     - `content`: bytes of the file
-    - `component`: number or name of a channel, if the file has several
+    - `component`: number or name of a channel; required if the file has several, otherwise it may be None
 
     Raises a `ValueError` that names the file, the cause and, where possible, the line.
     """

@@ -1,5 +1,7 @@
-"""Text files of AFAD (Turkey) and of its predecessor, the Earthquake Department, with a column for each
-component."""
+"""Older text format of AFAD (Turkey) and of its predecessor, the Earthquake Department.
+
+A file has one column for each component. `esm.py` reads the present format of AFAD.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +15,11 @@ from .base import Component, Format, Samples, abbreviate, choose_channel, is_raw
 _TITLE = "STRONG GROUND MOTION RECORDS OF TURKIYE"
 _KEY = re.compile(r"([A-Z][A-Z ]*(?:\([A-Za-z]+\))?)\s*:\s*(.*?)\s*$")
 _COMPONENTS = ("N-S", "E-W", "U-D")
-_PEAK_TOLERANCE = 0.01  # largest difference between the peaks in samples and header, relative to the latter
+_PEAK_TOLERANCE = 0.01  # largest difference between peak of the samples and peak in the header, as a fraction
 
 
 def _read_afad(path: Path, lines: list[str], component: Component) -> Samples:
-    """Read AFAD's text: lines KEY: value, a line with the names of the components, and rows of samples."""
+    """Read a file: lines KEY: value, then a line with the names of the components, then rows of samples."""
     header: dict[str, tuple[int, str]] = {}  # key ↦ line number, value
     end = next((k for k, line in enumerate(lines) if tuple(line.split()) == _COMPONENTS), None)
     if end is None:
@@ -63,12 +65,12 @@ def _read_afad(path: Path, lines: list[str], component: Component) -> Samples:
 
 
 def _unit(peaks: str, name: str, values: np.ndarray) -> str | None:
-    """Return "gal" if the peak of a component equals the peak in the header, which is in gal, within 1 %;
-    otherwise None.
+    """Return the unit of the samples. The header states the peaks of the samples in gal. The unit is "gal" if
+    the peak of the samples agrees with the peak in the header within 1 %. Otherwise it is None, unknown.
 
-    - `peaks`: text in the header with the peaks of all components
+    - `peaks`: text in the header with the peaks of all components [gal]
     - `name`: name of the component
-    - `values`: samples of the component
+    - `values`: samples of the component, shape (n,)
     """
     match = re.search(rf"\({re.escape(name)}\)\s*([\d.]+)", peaks)
     try:

@@ -1,7 +1,7 @@
 """Common parts of the readers of file formats: types, and functions that parse numbers and choose channels.
 
-An error in a file raises a `ValueError` with a message of one line: file, line number if there is one, and
-cause.
+An error in a file raises a `ValueError`. Its message is one line with the name of the file, the number of the
+line if there is one, and the cause. Numbers of lines start from 1, indices of lines from 0.
 """
 
 from __future__ import annotations
@@ -17,33 +17,36 @@ import numpy as np
 from rockjax._motions.components import is_vertical, points_down
 from rockjax._units import ACCELERATIONS, unit_of
 
-TIME_TOLERANCE = 1e-3  # allowed error of times in a file, divided by the sampling interval
+TIME_TOLERANCE = 1e-3  # allowed error of times in a file, divided by the sampling interval [–]
 NUMBER = r"[\d.]+(?:[ED][+-]?\d+)?"  # a number without a sign
 DATE = re.compile(r"(?<!\d)(\d{1,4}[/-]\d{1,2}[/-]\d{1,4})(?!\d)")
-# Fortran omits the E before exponents of three digits, and numbers may touch if they fill their columns. An
-# exponent of three digits is followed by a sign, a blank or the end of the line.
+# Numbers as Fortran writes them. Before an exponent of three digits, Fortran omits the E (1.0-101). There is
+# no blank between two numbers that fill their columns. An exponent of three digits is therefore followed by a
+# sign, a blank or the end of the line.
 _MANTISSA = r"[+-]?(?:\d+\.?\d*|\.\d+)"
 _EXPONENT = r"(?:[ED][+-]?(?:\d{3}(?=[\s+-]|$)|\d{1,2})|[+-]\d{3}(?![\d.]))"
 _WITHOUT_E = re.compile(rf"({_MANTISSA})([+-]\d{{3}})", re.I)
 _TOUCHING = re.compile(rf"\s*({_MANTISSA}{_EXPONENT}|{_MANTISSA}(?=[\s+-]|$))", re.I)
 _MISSING = {"nan", "na", "n/a", "<na>", "nil", "none", "null", "-", "--", ""}  # words for missing values
 _RAW = re.compile(r"(?<![a-z])(?:un-?corrected|un-?processed|raw|volume 1|not removed)(?![a-z])", re.I)
+# A Fortran format, such as (8F10.4): number of columns, and width of a column in characters.
 _FORTRAN = re.compile(r"\((\d{1,3})[FEI](\d{1,3})(?:\.\d+)?\)", re.I)
 Component = int | str | None  # number or name of a channel; None selects the only channel of a file
 
 
 @dataclasses.dataclass
 class Samples:
-    """Samples of one channel of a file, and what the file states about them."""
+    """Samples of one channel of a file, with the unit, sampling interval and header that the file states."""
 
     values: np.ndarray  # samples in the unit of the file, shape (n,)
     dt: float | None  # sampling interval [s]; None if the file does not state it
     units: str | None  # key in `ACCELERATIONS`; None if the file states no known unit of acceleration
     metadata: dict[str, Any]  # contents of the header
-    stated_unit: str | None = None  # unit as written in the file; None if the file states no unit
+    stated_unit: str | None = None  # unit as written in the file, known or not; None if there is no unit
     dt_statement: str = ""  # for messages: location and value of `dt`, or the reason why it is None
     unit_location: str = ""  # location of the unit in the file; empty for the header
-    raw_location: str = ""  # location of the statement that the samples are uncorrected, such as "line 3"
+    # Location of the statement that the samples are uncorrected, such as "line 3"; empty if there is none.
+    raw_location: str = ""
 
 
 class Format(NamedTuple):
@@ -51,14 +54,14 @@ class Format(NamedTuple):
 
     name: str
     recognises: Callable[[Path, list[str]], bool]  # (path, lines) ↦ True if the file has this format
-    # (path, lines, component) ↦ samples. Raises `ValueError` for errors in the file, and always if the format
-    # is not supported.
+    # (path, lines, component) ↦ samples. Raises `ValueError` for errors in the file. For a format that is
+    # recognised but not supported, it always raises.
     read: Callable[[Path, list[str], Component], Samples]
 
 
 def require_only_component(path: Path, component: Component, samples: Samples) -> Samples:
-    """Return the samples of a file with one channel. Raises `ValueError` if another component is
-    requested."""
+    """Return the samples of a file with one channel. Raises `ValueError` if `component` is neither None nor
+    the name of this channel."""
     component_name = samples.metadata.get("component")
     if component is not None and (
         component_name is None or not _names_component(component, str(component_name))
@@ -83,8 +86,8 @@ def is_raw(text: str) -> bool:
 
 
 def normalise_name(name: int | str) -> str:
-    """Return the letters and digits of a name, in lower case, without zeros before a number: spreadsheets
-    write 90 for 090."""
+    """Return the letters and digits of a name, in lower case. Zeros at the start of a number are removed,
+    because spreadsheets write 90 for 090."""
     return re.sub(r"[^a-z0-9]|^0+(?=\d)", "", str(name).casefold())
 
 
@@ -93,9 +96,9 @@ def choose_channel(path: Path, channels: Sequence[tuple[int, str]], component: C
 
     - `path`: path of the file, for messages
     - `channels`: (number, name) of each channel of the file
-    - `component`: number of a channel, its name, the first word of its name, or, for a vertical channel,
-      another name of the same direction; None selects the only channel of a file. Text such as "1" is a
-      number if no name matches
+    - `component`: number or name of the requested channel. Instead of the name, its first word suffices. For
+      a vertical channel, any name of the same direction is accepted. Text such as "1" is taken as a number if
+      no name matches. None selects the channel of a file with only one
 
     Raises `ValueError` unless exactly one channel matches.
     """
@@ -130,12 +133,10 @@ def first_line(error: BaseException | str) -> str:
 
 
 def parse_number(path: Path, line: int, word: str) -> float:
-    """Return the finite number that a word of a file represents.
+    """Return the number that a word of a file represents. Raises `ValueError` if it is not a finite number.
 
     - `path`, `line`: location of the word, for messages
     - `word`: the word; exponents may be written as in Fortran (1D-3, 1.0-101)
-
-    Raises `ValueError` if it is not a finite number.
     """
     value = _parse(word)
     if value is None:
@@ -147,7 +148,8 @@ def parse_number(path: Path, line: int, word: str) -> float:
 
 
 def _parse(word: str) -> float | None:
-    """Return the number that a word represents; None if it is not a number or contains an underscore."""
+    """Return the number that a word represents, or None if it is not a number. A word with an underscore is
+    not a number here, although Python's `float` accepts 1_000."""
     if match := _WITHOUT_E.fullmatch(word):
         word = f"{match[1]}E{match[2]}"
     try:
@@ -157,8 +159,8 @@ def _parse(word: str) -> float | None:
 
 
 def _cause(word: str) -> str:
-    """Return the end of a message about a word that is not a number: the probable reason or the cure; empty
-    if neither is known."""
+    """Return the end of a message about a word that is not a number: the probable reason or the cure. If
+    neither is known, the result is empty."""
     if word.casefold() in _MISSING:
         return " (a missing value)"
     if set(word) == {"*"}:
@@ -189,8 +191,8 @@ def parse_interval(path: Path, line: int, word: str, name: str) -> float:
 
 
 def unit_key(stated_unit: str | None) -> str | None:
-    """Return the key in `ACCELERATIONS` of a unit as written in a file; None if it is not a known unit of
-    acceleration."""
+    """Return the key in `ACCELERATIONS` for a unit as written in a file. If the unit is not a known unit of
+    acceleration, return None."""
     key = unit_of(stated_unit)
     return key if key in ACCELERATIONS else None
 
@@ -210,8 +212,8 @@ def require_count(path: Path, line: int, name: str, count: int, values: list[flo
 
 
 def read_numbers(path: Path, lines: list[str], start: int) -> list[float]:
-    """Return all numbers in the lines from the index `start` on, separated by blanks or in columns that
-    touch."""
+    """Return all numbers in the lines from the index `start` on. Blanks separate the numbers; in a line whose
+    columns touch, there may be no blanks."""
     numbers: list[float] = []
     for i, line in enumerate(lines[start:], start=start + 1):
         row = line.split()
@@ -224,8 +226,8 @@ def read_numbers(path: Path, lines: list[str], start: int) -> list[float]:
 def _split_touching(line: str) -> list[str] | None:
     """Return the words of a line whose columns touch; None if they cannot be separated.
 
-    Signs and exponents separate the words. Without them, all columns must have the same width, and their
-    decimal points the same position.
+    A word ends before a sign, and after an exponent. If that does not separate the words, all columns must
+    have the same width, with the decimal point at the same position in each column.
     """
     line, position, words = line.rstrip(), 0, []
     while match := _TOUCHING.match(line, position):
@@ -244,10 +246,11 @@ def fixed_width(path: Path, lines: list[str], start: int, count: int, text: str)
     """Return numbers in columns of fixed width, which may touch.
 
     - `path`, `lines`: path and lines of the file
-    - `start`: index of the first line with numbers; messages about the format or the count name the line
-      before
+    - `start`: index of the first line with numbers. Messages about the format or the count name the line
+      before it
     - `count`: number of values to read
-    - `text`: text with the Fortran format, such as (8F10.4); without a format, eight columns of 10 characters
+    - `text`: text that contains the Fortran format, such as (8F10.4). If it contains none, the format is eight
+      columns of 10 characters
 
     Raises `ValueError` for a wrong number of columns or values, and for a format without columns.
     """
@@ -275,15 +278,16 @@ def first_match(pattern: re.Pattern, lines: list[str], start: int, end: int) -> 
 
     - `pattern`: compiled pattern
     - `lines`: lines of the file
-    - `start`, `end`: range of the indices of the searched lines
+    - `start`, `end`: indices of the first searched line and of the line after the last one
     """
     return next(((k, match) for k in range(start, end) if (match := pattern.match(lines[k]))), None)
 
 
 def filter_corners(band: re.Match | None) -> dict[str, float]:
-    """Return the metadata of filters: both corner frequencies [Hz]; empty unless both are numbers.
+    """Return the corner frequencies of the high-pass and low-pass filter [Hz] as metadata. Unless both are
+    numbers, the result is empty.
 
-    - `band`: match whose groups are the corner frequencies of the high-pass and low-pass filters, or None
+    - `band`: match with the two corner frequencies as its groups, the high-pass first, or None
     """
     try:
         return {"high_pass_Hz": float(band[1]), "low_pass_Hz": float(band[2])} if band else {}

@@ -19,14 +19,14 @@ from .base import (
 )
 
 _KEY_WIDTH = 18  # number of characters of a key in the header, with blanks
-# Directions in the header of KiK-net ↦ names of components, which end in 1 in the borehole and in 2 at the
-# surface.
+# Directions in the header of KiK-net ↦ names of components. Names end in 1 for the sensor in the borehole, and
+# in 2 for the sensor at the surface.
 _KIKNET = dict(zip("123456", ("NS1", "EW1", "UD1", "NS2", "EW2", "UD2"), strict=True))
 
 
 def _read_knet(path: Path, lines: list[str], component: Component) -> Samples:
-    """Read K-NET and KiK-net: a header that ends with the line Memo., and raw counts, which a scale factor of
-    the header converts to gal."""
+    """Read K-NET and KiK-net: a header that ends with the line Memo., followed by raw counts. A scale factor
+    in the header converts the counts to gal."""
     header: dict[str, tuple[int, str]] = {}  # key ↦ line number, value
     for k, line in enumerate(lines):
         header[line[:_KEY_WIDTH].strip()] = k + 1, line[_KEY_WIDTH:].strip()

@@ -27,14 +27,14 @@ _OTHER_QUANTITY = re.compile(
     r"(?!.*ACCEL).*\b(VELOCITY|DISPLACEMENT|SPECTR\w*)\b.*\b(?:UNITS|TIME\s+(?:SERIES|HISTORY))", re.I
 )
 _SUFFIXES = {".vt2": "velocity", ".dt2": "displacement"}
-_SEARCHED_LINES = 8  # number of lines that are searched for NPTS and DT
+_SEARCHED_LINES = 8  # NPTS (number of samples) and DT (interval [s]) must be in one of these first lines
 OWN_TITLE = "ROCKJAX GROUND MOTION"  # first line of the files that rockjax writes
 _AT2_UNITS = re.compile(r"UNITS\s+OF\s+(\S+)", re.I)
 
 
 def _count_and_step(line: str) -> tuple[str, str] | None:
-    """Return NPTS (number of samples) and DT (sampling interval) in a line, as text; None for a comment, and
-    for a line without NPTS or DT."""
+    """Return the values of NPTS and DT in a line, as text. Return None for a comment, and for a line that does
+    not contain both."""
     if line.lstrip()[:1] in tuple("#%!"):
         return None
     if plain := _AT2_PLAIN.match(line):
@@ -44,12 +44,12 @@ def _count_and_step(line: str) -> tuple[str, str] | None:
 
 
 def _is_peer(path: Path, lines: list[str]) -> bool:
-    """Return True for the suffix of PEER files, or if one of the first lines contains NPTS and DT."""
+    """Return True for a file with a suffix of PEER, or with NPTS and DT in one of its first lines."""
     return path.suffix.lower() in (".at2", *_SUFFIXES) or any(map(_count_and_step, lines[:_SEARCHED_LINES]))
 
 
 def _read_at2(path: Path, lines: list[str]) -> Samples:
-    """Return the samples of a file. Its header ends with the line that contains NPTS and DT."""
+    """Return the samples of a file. The header ends with the line that contains NPTS and DT."""
     matches = [
         (k, match) for k, line in enumerate(lines[:_SEARCHED_LINES]) if (match := _count_and_step(line))
     ]
@@ -59,7 +59,8 @@ def _read_at2(path: Path, lines: list[str]) -> Samples:
             "has none"
         )
     k, (count, step) = matches[0]
-    # The second line of a file of rockjax has names that the user has chosen.
+    # In a file that rockjax has written, the second line contains names chosen by the user. These may contain
+    # words such as "velocity" or "raw", so this line is not searched for statements.
     is_own = lines[0] == OWN_TITLE
     statements = [(i, line) for i, line in enumerate(lines[:k], start=1) if not (is_own and i == 2)]
     for i, line in statements:

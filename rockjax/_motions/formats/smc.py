@@ -13,14 +13,15 @@ _TITLES = re.compile(
     r"([0-6]) (UNKNOWN|UNCORRECTED ACCELEROGRAM|CORRECTED ACCELEROGRAM|VELOCITY|DISPLACEMENT|.*SPECTRA.*)\s*$"
 )
 _TEXT_LINES, _INTEGER_LINES, _REAL_LINES = 11, 6, 10  # number of lines of text, integers and reals
-# Indices, among the 48 integers, of the number of comment lines and of the number of samples.
+# Indices among the 48 integers: number of comment lines, number of samples.
 _COMMENTS_INDEX, _COUNT_INDEX = 15, 16
-# Indices, among the 50 reals, of the number that marks missing values and of the samples per second.
+# Indices among the 50 reals: number that stands for missing values, samples per second.
 _MISSING_INDEX, _RATE_INDEX = 0, 1
 
 
 def _read_smc(path: Path, lines: list[str], component: Component) -> Samples:
-    """Read SMC: 11 lines of text, 48 integers, 50 reals, comment lines, and samples in 8 columns [cm/s²]."""
+    """Read SMC: 11 lines of text, 48 integers, 50 real numbers, lines of comments, and samples [cm/s²] in 8
+    columns."""
     title = _TITLES.match(lines[0])
     if title is None or title[1] != "2":
         content = title[2].strip().lower() if title else "?"

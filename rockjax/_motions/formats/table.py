@@ -1,4 +1,8 @@
-"""Tables: columns of text, and arrays of NumPy (.npy)."""
+"""Tables of numbers: text with columns, and arrays of NumPy (.npy).
+
+The times in a text are rounded to their last digit. The size of the last digit is 0.01 s for the times 0.00,
+0.02, 0.04. `_interval` computes the sampling interval despite the rounding.
+"""
 
 from __future__ import annotations
 
@@ -31,9 +35,11 @@ _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[ED][+-]?\d+)?", re.I)
 _NUMBER_LIKE = re.compile(r"[+-]?[.,]?\d|[+-]?(?:nan|inf|infinity)$|\*", re.I)
 _FLOAT32 = 1.2e-7  # relative spacing of float32
 _MAX_ROUNDING = 0.25  # largest deviation of times that counts as rounding, divided by the mean step
-_MAX_ROUNDING_LONG = 2.1  # the same for long records, whose mean step is accurate despite the rounding
-# A step of rounded times that differs from a multiple of the last digit by less than this fraction is this
-# multiple; otherwise a few missing rows would look like a slightly longer step.
+# The last digit of times may be larger in long records, because their mean step is accurate despite the
+# rounding. This is the largest size of the last digit, divided by the mean step.
+_MAX_ROUNDING_LONG = 2.1
+# If the step of coarsely rounded times differs from a multiple of the last digit by less than this fraction,
+# the multiple is the step. Otherwise a few missing rows would look like a slightly longer step.
 _ROUND_STEP = 0.003
 _MAX_HEADINGS = 3  # largest number of lines of headings
 
@@ -46,7 +52,7 @@ class _Table(NamedTuple):
     cells: list[list[str]] | None = None  # cells of each row as text; None for an array of NumPy
     headings: list[Heading] | None = None  # heading of each column; None without headings
     heading_line: int = 0  # number of the last line of headings; 0 without headings
-    raw_location: str = ""  # location of the statement that the data are raw; empty if there is none
+    raw_location: str = ""  # location of the statement that the data are not corrected; empty if none
 
 
 def _load_array(path: Path) -> np.ndarray:
@@ -63,9 +69,9 @@ def _load_array(path: Path) -> np.ndarray:
 
 
 def _split_cells(text: str) -> list[str]:
-    """Return the cells of a row of numbers, separated by semicolons, blanks or commas.
+    """Return the cells of a row of numbers. Semicolons, blanks or commas separate the cells.
 
-    Commas are decimal if semicolons or blanks separate the cells.
+    If semicolons or blanks separate the cells, commas in the numbers are decimal commas.
     """
     words = text.split()
     has_decimal_commas = any(map(_DECIMAL_COMMA.fullmatch, words)) and not re.search(r",\s|\s,|\.", text)
@@ -79,9 +85,10 @@ def _split_cells(text: str) -> list[str]:
 
 
 def _is_heading(cells: list[str]) -> bool:
-    """Return True for a row of headings: its first cell is not a number.
+    """Return True for a row of headings, which is a row whose first cell is not a number.
 
-    If the first cell is empty, as in files of pandas, the other cells must be names or column numbers.
+    The first cell of the headings may be empty, as in files that pandas writes. Then the other cells must be
+    names or column numbers.
     """
     if not cells[0]:
         return all(_NUMBER_LIKE.match(cell) is None or re.fullmatch(r"\d{1,3}", cell) for cell in cells[1:])
@@ -115,7 +122,8 @@ def _split_headings(text: str, count: int) -> list[str] | None:
 
 
 def _parse_headings(path: Path, lines: list[tuple[int, str]], count: int) -> list[Heading]:
-    """Return the heading of each column, from one or several lines, such as names and units."""
+    """Return the heading of each column. The headings may extend over several lines, such as a line of names
+    and a line of units."""
     names = [""] * count
     for i, text in lines:
         cells = _split_headings(text, count)
@@ -134,8 +142,8 @@ def _parse_headings(path: Path, lines: list[tuple[int, str]], count: int) -> lis
 
 
 def _headings_of_comment(path: Path, text: str, line: int, count: int) -> list[Heading] | None:
-    """Return the headings in the last comment above the numbers, as `numpy.savetxt` writes them; None if the
-    comment contains no headings."""
+    """Return the headings in a comment, or None if it contains none. `numpy.savetxt` writes headings in the
+    last comment above the numbers."""
     cells = _split_headings(text, count)
     if cells is None or len(text.split()) > 4 * count:
         return None
@@ -148,7 +156,7 @@ def _headings_of_comment(path: Path, text: str, line: int, count: int) -> list[H
 
 
 def _parse_table(path: Path, lines: list[str]) -> _Table:
-    """Parse a table of numbers with its headings. Raises `ValueError` that names the file and the line."""
+    """Parse a table of numbers with its headings. Raises a `ValueError` that names the file and the line."""
     rows: list[list[float]] = []
     line_numbers: list[int] = []
     cells_of_rows: list[list[str]] = []
@@ -198,8 +206,8 @@ def _parse_table(path: Path, lines: list[str]) -> _Table:
 
 
 def _choose_samples(path: Path, table: _Table, component: Component) -> Samples:
-    """Return the samples of the requested component in a table, and the sampling interval if the table has a
-    column of times."""
+    """Return the samples of the requested component in a table. They include the sampling interval if the
+    table has a column of times."""
     rows, headings = table.rows, table.headings
     columns = range(rows.shape[1])
     headings = headings and [_as_channel(heading, rows[:, k]) for k, heading in enumerate(headings)]
@@ -207,8 +215,8 @@ def _choose_samples(path: Path, table: _Table, component: Component) -> Samples:
     location = f"{path}:{table.heading_line}" if table.heading_line else f"{path}"
     time_column = next((k for k in columns if kinds[k] == "time"), None)
     candidates = [k for k in columns if kinds[k] in ("acceleration", "counts")]
-    # If no column is an acceleration, the candidates are columns of unknown kind, or a single column that has
-    # the heading of sample numbers.
+    # If no column is an acceleration, the candidates are the columns of unknown kind. A table with a single
+    # column has a candidate even if the heading is that of sample numbers.
     candidates = candidates or [
         k for k in columns if not kinds[k] or (kinds[k] == "index" and len(columns) == 1)
     ]
@@ -221,7 +229,7 @@ def _choose_samples(path: Path, table: _Table, component: Component) -> Samples:
             "name it time [s] if it contains times"
         )
     names = [_direction(headings[k].quantity) if headings else f"column {k + 1}" for k in candidates]
-    if headings and isinstance(component, str):  # the heading without its unit is also accepted
+    if headings and isinstance(component, str):  # the user may pass the heading without its unit
         full_names = [headings[k].quantity for k in candidates]
         component = next((n for n, name in enumerate(full_names, 1) if component == name), component)
     n = choose_channel(path, list(enumerate(names, start=1)), component) if len(candidates) > 1 else 0
@@ -253,7 +261,8 @@ def _choose_samples(path: Path, table: _Table, component: Component) -> Samples:
 
 
 def _as_channel(heading: Heading, values: np.ndarray) -> Heading:
-    """Return a heading; N, U and 1 without a unit name a channel, unless the column rises evenly."""
+    """Return a heading as it is, or as the name of a channel if it is N, U or 1. If such a column rises
+    evenly, however, it contains sample numbers or times, and the heading is returned as it is."""
     name = heading.text.strip("\"' ")
     if name not in ("N", "U", "1") or _is_rising(values):
         return heading
@@ -261,16 +270,16 @@ def _as_channel(heading: Heading, values: np.ndarray) -> Heading:
 
 
 def _direction(quantity: str) -> str:
-    """Return the direction in a heading such as Acc N-S; if there is none, the heading itself."""
+    """Return the direction in a heading such as Acc N-S. If there is no direction, return the heading."""
     return re.sub(r"^acc[a-z]*[\s_.:-]+", "", quantity, flags=re.I).strip("() ") or quantity
 
 
 def _guess_kinds(path: Path, rows: np.ndarray, component: Component) -> list[str]:
     """Return the kinds of the columns of a table without headings.
 
-    The first of two columns contains sample numbers or times. The first of more columns may also be an
-    acceleration. All other columns are accelerations. Raises `ValueError` for more than two columns if no
-    component is requested.
+    A single column is an acceleration. The first of two columns contains sample numbers or times. The first of
+    three or more columns contains sample numbers, times or an acceleration. All other columns are
+    accelerations. Raises `ValueError` for more than two columns if no component is requested.
     """
     count = rows.shape[1]
     if count == 1:
@@ -290,13 +299,13 @@ def _guess_kinds(path: Path, rows: np.ndarray, component: Component) -> list[str
 
 
 def _is_rising(values: np.ndarray) -> bool:
-    """Return True if values rise, and their steps differ by less than a factor of 2, as steps of times do."""
+    """Return True if values rise like times: the largest step is shorter than twice the smallest step."""
     steps = np.diff(values)
     return bool(len(steps) and steps.min() > 0 and steps.max() < 2 * steps.min())
 
 
 def _last_digit(times: list[str], values: np.ndarray) -> float:
-    """Return the size of the last digit of times, in the unit of the times; 0 if all times are 0.
+    """Return the size of the last digit of times in their unit, such as 0.01; 0 if all times are 0.
 
     All times are assumed to have the same number of decimals, or the same number of significant digits.
 
@@ -322,7 +331,7 @@ def _interval(path: Path, table: _Table, factor: float, column: int) -> float | 
 
     - `path`: path of the file, for messages
     - `table`: the table
-    - `factor`: unit of the times in the table [s]
+    - `factor`: size of the unit of the times in the table [s]
     - `column`: index of the column of times
 
     Raises `ValueError` unless the times are equally spaced within their rounding.
@@ -340,7 +349,9 @@ def _interval(path: Path, table: _Table, factor: float, column: int) -> float | 
         and digit < TIME_TOLERANCE * (values[-1] - values[0])
         and steps.min() >= 0
     )
-    if is_coarse:  # The fitted step is accurate, and rounding changes each step by less than the last digit.
+    # If the rounding is coarse, a step of a line fitted to all times is used. Rounding changes each step by
+    # less than the last digit.
+    if is_coarse:
         step = float(np.polyfit(indices, values, 1)[0])
         multiple = digit * round(step / digit)
         is_multiple = abs(multiple / step - 1) < _ROUND_STEP
@@ -376,9 +387,10 @@ def _simplest_step(values: np.ndarray, step: float, digit: float, factor: float)
     """Return the step of rounded times for which the sampling rate [Hz] has the fewest decimals.
 
     - `values`: the times
-    - `step`: mean step of the times, returned if no rate with at most four decimals fits about as well
+    - `step`: mean step of the times; returned if no rate with at most four decimals fits the times almost as
+      well as this step
     - `digit`: size of the last digit of the times
-    - `factor`: unit of `values`, `step`, `digit` and of the result [s]
+    - `factor`: size of the unit of `values`, `step`, `digit` and of the result [s]
     """
     k, rate = np.arange(len(values)), 1 / (factor * step)
     allowed = min(digit, 1.2 * float(np.ptp(values - step * k))) + 1e-15 * float(np.abs(values).max())

@@ -1,4 +1,4 @@
-"""Formats that are recognised but not supported, so that the error message can name them."""
+"""Formats that are recognised but not supported. They are recognised so that the error can name them."""
 
 from __future__ import annotations
 
@@ -30,8 +30,9 @@ def _is_spectra(path: Path, lines: list[str]) -> bool:
 
 
 def _is_usc(path: Path, lines: list[str]) -> bool:
-    """Return True for volume 2 of USC: a corrected accelerogram, but not of CSMIP, whose header names USC or
-    has the length of each of the lines 3 to 12 in columns 73 and 74."""
+    """Return True for volume 2 of USC: a corrected accelerogram whose header contains USC#, or a number (the
+    length of the line) in columns 73 and 74 of each of the lines 3 to 12. Files of CSMIP also begin with
+    "corrected accelerogram"; they are excluded."""
     header = lines[2:12]
     has_lengths = len(header) == 10 and all(re.fullmatch(r"\s?\d{1,2}", line[72:74]) for line in header)
     names_usc = has_lengths or re.search(r"\bUSC\s*#", " ".join(lines[:12]), re.I) is not None

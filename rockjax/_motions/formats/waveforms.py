@@ -11,7 +11,7 @@ import numpy as np
 
 from .base import Component, Samples, choose_channel, first_line
 
-# Categories of warnings about code, not about the data.
+# Categories of warnings that concern the code of ObsPy, and not the data.
 _CODE_WARNINGS = (
     DeprecationWarning,
     PendingDeprecationWarning,
@@ -23,7 +23,7 @@ WAVEFORMS = {".mseed": "MSEED", ".miniseed": "MSEED", ".sac": "SAC", ".gse2": "G
 
 
 def read(path: Path, content: bytes, component: Component) -> Samples:
-    """Read the samples of a channel with ObsPy; their unit is unknown.
+    """Read the samples of a channel with ObsPy. These formats do not state the unit of the samples.
 
     - `path`: path of the file, for its suffix and for messages
     - `content`: bytes of the file
@@ -48,7 +48,8 @@ def read(path: Path, content: bytes, component: Component) -> Samples:
             warnings.simplefilter("always")
             traces: list[Any] = list(obspy.read(io.BytesIO(content), format=file_format, **options))
     except Exception as error:  # plug-ins may raise anything
-        is_unrecognised = "BytesIO" in str(error)  # ObsPy then quotes the stream in its message
+        # If ObsPy does not recognise the format, its message quotes the stream.
+        is_unrecognised = "BytesIO" in str(error)
         cause = "it has another format, or is cut short" if is_unrecognised else first_line(error)
         raise ValueError(f"{path}: ObsPy cannot read the file: {cause}") from None
     if not traces:
@@ -76,15 +77,15 @@ def read(path: Path, content: bytes, component: Component) -> Samples:
     values = np.asarray(trace.data, float) * trace.stats.calib
     dt = float(trace.stats.delta)
     if file_format == "SAC":
-        dt = float(str(np.float32(dt)))  # SAC files contain float32
+        dt = float(str(np.float32(dt)))  # SAC files contain the interval as float32, such as 0.01 ± 1e-10
     dt_statement = f"{path}: the sampling interval is {dt:g} s"
     raw_location = "whole numbers" if is_counts else ""
     return Samples(values, dt, None, metadata, None, dt_statement, raw_location=raw_location)
 
 
 def _join(path: Path, segments: list[Any]) -> Any:
-    """Return the traces of a channel as one trace. Raises `ValueError` for gaps and overlaps, and for a
-    sampling interval that changes."""
+    """Return the traces of a channel, joined to one trace. Raises `ValueError` for gaps and overlaps, and for
+    a sampling interval that changes."""
     import obspy
 
     stream = obspy.Stream(segments)
