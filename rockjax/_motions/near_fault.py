@@ -119,7 +119,7 @@ class PulseFit:
         return dataclasses.replace(motion, acceleration=motion.acceleration - pulse)
 
     def rest(self, motion: Motion) -> Motion:
-        """Deprecated name of `residual`."""
+        """Call `residual`, the present name of this method."""
         warnings.warn("PulseFit.rest is called PulseFit.residual now", DeprecationWarning, stacklevel=2)
         return self.residual(motion)
 

@@ -249,8 +249,8 @@ def fixed_width(path: Path, lines: list[str], start: int, count: int, text: str)
     - `start`: index of the first line with numbers. Messages about the format or the count name the line
       before it
     - `count`: number of values to read
-    - `text`: text that contains the Fortran format, such as (8F10.4). If it contains none, the format is eight
-      columns of 10 characters
+    - `text`: text that contains the Fortran format, such as (8F10.4). If it contains none, the format is
+      eight columns of 10 characters
 
     Raises `ValueError` for a wrong number of columns or values, and for a format without columns.
     """

@@ -19,8 +19,8 @@ from .base import (
 )
 
 _KEY_WIDTH = 18  # number of characters of a key in the header, with blanks
-# Directions in the header of KiK-net ↦ names of components. Names end in 1 for the sensor in the borehole, and
-# in 2 for the sensor at the surface.
+# Directions in the header of KiK-net ↦ names of components. Names end in 1 for the sensor in the borehole,
+# and in 2 for the sensor at the surface.
 _KIKNET = dict(zip("123456", ("NS1", "EW1", "UD1", "NS2", "EW2", "UD2"), strict=True))
 
 

@@ -33,8 +33,8 @@ _AT2_UNITS = re.compile(r"UNITS\s+OF\s+(\S+)", re.I)
 
 
 def _count_and_step(line: str) -> tuple[str, str] | None:
-    """Return the values of NPTS and DT in a line, as text. Return None for a comment, and for a line that does
-    not contain both."""
+    """Return the values of NPTS and DT in a line, as text. Return None for a comment, and for a line that
+    does not contain both."""
     if line.lstrip()[:1] in tuple("#%!"):
         return None
     if plain := _AT2_PLAIN.match(line):

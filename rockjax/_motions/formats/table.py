@@ -277,8 +277,8 @@ def _direction(quantity: str) -> str:
 def _guess_kinds(path: Path, rows: np.ndarray, component: Component) -> list[str]:
     """Return the kinds of the columns of a table without headings.
 
-    A single column is an acceleration. The first of two columns contains sample numbers or times. The first of
-    three or more columns contains sample numbers, times or an acceleration. All other columns are
+    A single column is an acceleration. The first of two columns contains sample numbers or times. The first
+    of three or more columns contains sample numbers, times or an acceleration. All other columns are
     accelerations. Raises `ValueError` for more than two columns if no component is requested.
     """
     count = rows.shape[1]

@@ -77,7 +77,7 @@ def read(path: Path, content: bytes, component: Component) -> Samples:
     values = np.asarray(trace.data, float) * trace.stats.calib
     dt = float(trace.stats.delta)
     if file_format == "SAC":
-        dt = float(str(np.float32(dt)))  # SAC files contain the interval as float32, such as 0.01 ± 1e-10
+        dt = float(str(np.float32(dt)))  # the interval is float32 in SAC: 0.01, not 0.0099999998
     dt_statement = f"{path}: the sampling interval is {dt:g} s"
     raw_location = "whole numbers" if is_counts else ""
     return Samples(values, dt, None, metadata, None, dt_statement, raw_location=raw_location)
