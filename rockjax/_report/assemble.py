@@ -1,4 +1,4 @@
-"""Assembly of the page of a report from an evaluation: title, verdict, notices and sections."""
+"""The page of a report, assembled from the results of all checks: title, verdict, notices and sections."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ USUAL_UNITS = ("kN", "m", "deg", "g", "mm")
 
 
 def units_of(evaluation: Evaluation, units: str | Sequence[str] | None = None) -> Units:
-    """Return the units of a page: `units`, else those of the table `[report]`, else `USUAL_UNITS`."""
+    """Return the units of a page: `units` if given, otherwise those of the table `[report]` of the problem
+    file. If this table has none, return `USUAL_UNITS`."""
     problem = evaluation.problem
     return Units.parse(units or problem.report.units or USUAL_UNITS, float(problem.podium.g))
 
@@ -32,9 +33,9 @@ def page_of(evaluation: Evaluation, units: Units | None = None, command: str = "
     """Return the page of an evaluation.
 
     - `evaluation`: the evaluated problem
-    - `units`: units of drawings and their captions; by default the result of `units_of`. All other numbers
-      stay in SI; a format converts them when it writes them
-    - `command`: the command line that makes the report, shown at the head of the page; "" for none
+    - `units`: units of drawings and their captions; by default the result of `units_of`. All other numbers of
+      the page stay in SI until a file is written
+    - `command`: the command line that makes the report, shown at the head of the page; "" to show none
     """
     units = units or units_of(evaluation)
     problem = evaluation.problem
@@ -72,8 +73,8 @@ def tables_of(evaluation: Evaluation) -> dict[str, Table]:
 
 
 def date_of(evaluation: Evaluation) -> str:
-    """Return the date of the page: from the problem file, else from the environment variable
-    SOURCE_DATE_EPOCH (seconds since 1970), else today."""
+    """Return the date of the page: the date in the problem file, otherwise the date in the environment
+    variable SOURCE_DATE_EPOCH (seconds since 1970), otherwise today."""
     if evaluation.problem.project.date:
         return evaluation.problem.project.date
     epoch = os.environ.get("SOURCE_DATE_EPOCH")

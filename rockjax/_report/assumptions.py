@@ -20,8 +20,8 @@ class Outcome(NamedTuple):
     """Result of testing an assumption on a set of scenes.
 
     - `violated`: whether each scene violates the assumption, (scenes,)
-    - `worst`: the number that `text` states, such as the tested value in the worst scene
-    - `text`: description of the result, with `{}` in place of `worst`
+    - `worst`: number for `text`, such as the tested value in the worst scene
+    - `text`: description of the result, in which `{}` stands for the number `worst`
     """
 
     violated: np.ndarray
@@ -33,10 +33,10 @@ class Assumption(NamedTuple):
     """An assumption of the model.
 
     - `id`: number, such as "A1"; `text`: the assumption as a sentence
-    - `conservative`: "no" or "depends": whether results are on the safe side if the assumption does not hold
-    - `test`: function of the problem and the peaks of the scenes, which returns the outcome, or a sentence
-      that states why there is no outcome
-    - `invalidates`: whether a violation turns the result PASS into NOT VALID
+    - `conservative`: whether results are on the safe side if the assumption does not hold, "no" or "depends"
+    - `test`: function (problem, dataset of the peaks of the scenes) ↦ outcome, or a sentence that states why
+      there is no outcome
+    - `invalidates`: whether a violation turns the result PASS of a check into NOT VALID
     """
 
     id: str
@@ -47,8 +47,11 @@ class Assumption(NamedTuple):
 
 
 def opens_joint(data: xarray.Dataset) -> np.ndarray:
-    """Return for each scene whether a joint opens or, at an impact, the beam lifts off a column, (scenes,).
-    Only those forces and impulses are tested that `data` contains."""
+    """Return whether a joint opens in each scene, (scenes,).
+
+    A joint opens if its axial force is tensile, or if the vertical impulse on a column at an impact is
+    negative. A force or impulse that `data` does not contain is not tested.
+    """
     opens = np.zeros(data.sizes["motion"], bool)
     for name in ("least_axial_force", "least_impulse_share"):
         if name in data:
@@ -57,10 +60,11 @@ def opens_joint(data: xarray.Dataset) -> np.ndarray:
 
 
 def _of_columns(problem: Problem, outcome: Outcome) -> Outcome | str:
-    """Return the outcome of a test of joint forces, or a sentence if it does not hold for every column.
+    """Return the outcome of a test of joint forces, or a sentence if the outcome is not valid for every
+    column.
 
-    Without positions of the columns, forces are those of the mean column. They can show that an assumption is
-    violated, but not that it holds for every column.
+    Without positions of the columns, the forces are those of the mean column. These forces can show that an
+    assumption is violated, but not that it holds for every column.
     """
     if problem.podium.elevation is not None or outcome.violated.any():
         return outcome

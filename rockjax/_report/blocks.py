@@ -1,7 +1,9 @@
-"""Contents of a report: a page of sections, and the blocks that sections consist of.
+"""The content of a report: a page of sections, which consist of blocks such as paragraphs, figures and
+tables.
 
-`sections` builds the blocks from an evaluation; `page.py` and the formats show them. Numbers are in SI;
-numbers in texts are `Quantity` parts, and the formats show them in the units of the page.
+The folder `sections` makes the blocks. `page.py` converts them to HTML, and the folder `_formats` to other
+formats. All numbers are in SI. A number within a text is a `Quantity`, which HTML, CSV and XLSX files show in
+the units of the page.
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ RESULTS = {
 
 
 def check_anchor(id: str) -> str:
-    """Return the anchor of a check on the page, the target of a `Link` to it.
+    """Return the anchor of a check on the page, which is the `target` of a `Link` to the check.
 
     `id`: id of the check, any text, such as "C1"
     """
@@ -36,7 +38,7 @@ def check_anchor(id: str) -> str:
 
 @dataclasses.dataclass(frozen=True)
 class Paragraph:
-    """A paragraph. With `is_note`, the page shows it in small type, as an explanation."""
+    """A paragraph. If `is_note`, it is an explanation, which the page shows in small type."""
 
     text: Text
     is_note: bool = False
@@ -57,7 +59,7 @@ class Equation:
     """A row of `Equations`.
 
     - `formula`: the equation in symbols
-    - `numbers`: right-hand side with numbers inserted; "" for none
+    - `numbers`: right-hand side with numbers inserted, or a remark; "" for none
     - `result`: value of the right-hand side; None for none
     - `label`: number of the equation in the documentation, such as "F8"; "" for none
     """
@@ -87,7 +89,7 @@ class Figure:
     - `caption`: text below the picture
     - `title`: short title
     - `description`: text for readers who cannot see the picture, with its most important number
-    - `is_narrow`: whether the picture is limited to a width below that of the page
+    - `is_narrow`: whether the picture is narrower than the page
     """
 
     svg: str
@@ -117,8 +119,8 @@ class Limit:
 
     - `comparison`: "≤" (at most) or "≥" (at least)
     - `quantity`: the limit [SI]
-    - `unit`: unit of the limit in the problem file; None if the file gives no unit. If the page uses another
-      unit, the limit is shown in both
+    - `unit`: unit of the limit in the problem file; None if the file gives no unit. If the page has another
+      unit, it shows the limit in both units
     - `note`: a second line, such as the key of the problem file from which the limit comes
     """
 
@@ -140,27 +142,28 @@ class SummaryRow:
     """A check in the summary.
 
     - `id`: id of the check, such as "C1"
-    - `name`: quantity that is checked
+    - `name`: name of the checked quantity
     - `scope`: set of motions and statistic, such as "design, largest of 11"
-    - `value`: value with the numerical error, or a text in place of both
+    - `value`: value with the numerical error, or a text if there is no number
     - `limit`: the limit, or a text if there is none
-    - `utilisation`: U, of kind "utilisation", or a text such as "> 1" or "no value"
+    - `utilisation`: utilisation U = value/limit (limit/value for a minimum), or a text such as "> 1" or "no
+      value"
     - `result`: one of `RESULTS`
-    - `governs`: governing motion, story and time
-    - `sensitivities`: text with the inputs y that have the largest |d ln U/d ln y|, and these derivatives
-    - `spread`: text with the range of U if one input at a time is multiplied by 1 − s or 1 + s. The number s
-      is the key `report.spread` of the problem file
-    - `reason`: why there is no value; "" if there is one. A reason is shown in place of `governs`,
+    - `governs`: text with the governing motion, and the storey, joint or time of the value
+    - `sensitivities`: text with the largest derivatives d ln U/d ln y and their inputs y
+    - `spread`: text with the least and the largest U if one input at a time is multiplied by 1 − s or 1 + s,
+      where s is the key `report.spread` of the problem file
+    - `reason`: why there is no value; "" if there is a value. A reason replaces the texts `governs`,
       `sensitivities` and `spread`
     - `section`: number of the section with the details
-    - `assumptions`: ids of the violated assumptions, such as "A7". Each id is the anchor of a row in section
-      10
-    - `flags`: further short links beside the result
+    - `assumptions`: ids of the violated assumptions, such as "A7". Each id is also the anchor of a row in
+      section 10
+    - `flags`: other short links beside the result
     - `clause`: clause that asks for the check
     - `is_target`: whether it is a design target
 
-    Raises `ValueError` for an unknown result, for a missing id or text, and for a number `utilisation` whose
-    kind is not "utilisation".
+    Raises `ValueError` for an unknown result, for a missing id or text, and if `utilisation` is a number of a
+    kind other than "utilisation".
     """
 
     id: str
@@ -209,7 +212,8 @@ class SummaryRow:
 
 @dataclasses.dataclass(frozen=True)
 class Summary:
-    """The summary of checks, with at least one row and different ids. `note` explains the columns."""
+    """The summary of checks, with at least one row. The ids of the rows must differ. `note` explains the
+    columns."""
 
     rows: tuple[SummaryRow, ...]
     note: Text
@@ -233,7 +237,7 @@ class Summary:
 
 def _cells(row: SummaryRow) -> tuple[Quantity | TextCell, ...]:
     """Return a row of the summary as cells of a table."""
-    # A row with a reason has no texts `governs`, `sensitivities` and `spread`.
+    # If there is a reason, the texts `governs`, `sensitivities` and `spread` are empty.
     no_text = TextCell("not made" if row.reason else "none given", "none")
     reasons = [*row.assumptions, *(flag.text for flag in row.flags)]
     reason = row.reason or ", ".join(reasons)
@@ -297,8 +301,8 @@ class Page:
     - `origin`: label → text below `head`, such as "Problem file" and "Command"
     - `footer`: text at the foot of printed pages
 
-    Raises `ValueError` for empty texts, for links without a target, and for repeated numbers of sections,
-    names of tables, and ids of rows and of parts of figures.
+    Raises `ValueError` for an empty text, for a link to a missing anchor, for two tables of the same name,
+    and if sections, rows and parts of figures do not have different anchors or ids.
     """
 
     title: str

@@ -1,4 +1,7 @@
-"""Cells with a number, or with a text in place of a missing number; names of tables."""
+"""Cells of tables with a number, or with a text in place of a missing number; parts of the names of tables.
+
+A scene is the structure under one motion.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ from .tables import Quantity, TextCell
 if TYPE_CHECKING:
     import xarray
 
-MAX_SLUG = 40  # largest number of characters of a set or check in the name of a table or picture
+MAX_SLUG = 40  # largest number of characters that `slug` takes from a name
 
 
 def number_cell(
@@ -22,9 +25,9 @@ def number_cell(
 ) -> Quantity | TextCell:
     """Return a cell with a number, or with `text` if the number is not finite.
 
-    - `value`, `kind`: the number [SI], and what it measures, one of `units.KINDS`
-    - `error`: estimated error of the number [SI]; None, or not finite, if it is unknown
-    - `text`, `note`: text that replaces the number, and a second line in the cell
+    - `value`: the number [SI]; `kind`: what it measures, one of `units.KINDS`
+    - `error`: estimated error of the number [SI]; an error that is None or not finite is unknown
+    - `text`: text that replaces the number; `note`: a second line in the cell
     """
     value = float(value)
     if not math.isfinite(value):
@@ -36,8 +39,9 @@ def number_cell(
 def peak_cell(data: xarray.Dataset, k: int, value: Any, kind: str, error: Any = None) -> Quantity | TextCell:
     """Return a cell with a peak of a scene.
 
-    A text replaces the peak if the scene did not finish, or if the peak is not finite. The latter means that
-    a joint opens. If the columns overturn, a note states the time of overturning.
+    If the scene did not finish, the name of its result, such as "out of steps", replaces the peak. If the
+    peak is not finite because a joint opens, the text "joint opens" replaces it. If the columns overturn, a
+    note such as "until 5.85 s" states that the peak covers the time until overturning only.
 
     - `data`: dataset of scenes along `motion`; `k`: index of the scene
     - `value`, `kind`, `error`: as for `number_cell`
@@ -54,8 +58,8 @@ def peak_cell(data: xarray.Dataset, k: int, value: Any, kind: str, error: Any = 
 def slug(name: str) -> str:
     """Convert a name to lower-case letters, digits and "-", for the names of tables and pictures.
 
-    A name that is too long or has other characters ends with a part of its hash. So only names that differ
-    by nothing but upper and lower case give the same result.
+    If the name is longer than `MAX_SLUG` or has other characters, the result ends with a part of its hash.
+    Different names therefore give different results, unless they differ only in upper and lower case.
     """
     plain = re.sub(r"[^a-z0-9-]", "-", name.lower())[:MAX_SLUG]
     return plain if plain == name.lower() else f"{plain}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"

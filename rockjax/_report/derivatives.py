@@ -1,7 +1,8 @@
 """Derivatives of the values of checks with respect to the logarithms of n + 1 factors.
 
 The first n factors multiply the n inputs of the structure that are in `Problem.variables`. The last factor
-multiplies the motion. Derivatives are taken at factors of 1, that is, at logarithms of 0.
+multiplies the motion. The derivatives are evaluated at factors of 1, whose logarithms are 0. A scene is the
+structure under one motion.
 """
 
 from __future__ import annotations
@@ -30,19 +31,20 @@ from .store import dataset_of, fingerprint
 if TYPE_CHECKING:
     import xarray
 
-# Function () ↦ (value, derivatives of the value with respect to the logarithms, (n + 1,)).
+# Function () ↦ (value, derivatives of the value with respect to the n + 1 logarithms).
 SlopesFunction = Callable[[], tuple[Any, Any]]
 
 
 def log_slopes(scenes: Scenes, entry: Entry, functions: Mapping[int, SlopesFunction]) -> xarray.Dataset:
-    """Return the values of a check (`value`, along `motion`), and their derivatives d ln(value)/d ln y
-    (`slope`, along `motion` and `parameter`).
+    """Return a dataset of the values of a check [SI] and their logarithmic derivatives.
 
-    The parameters y are the inputs of the structure and, if the check uses a set of motions, the factor on
-    the motion.
+    The variable `value` has the dimension `motion`. The variable `slope`, d ln(value)/d ln y, has the
+    dimensions `motion` and `parameter`. The parameters y are the inputs of the structure and, if the check
+    uses a set of motions, the factor on the motion.
 
     - `scenes`: the scenes of the problem; `entry`: the check
-    - `functions`: index of a motion or pulse → function that returns the value under it and the derivatives
+    - `functions`: index of a motion or pulse → function that returns the value of the check under this
+      motion, and the derivatives of the value
     """
     import xarray
 
@@ -71,18 +73,21 @@ def slopes_of(
     """Return a function that computes `function` and its derivatives with respect to `logs`, at `logs` = 0.
 
     - `function`: function (podium, logs) ↦ value, with the logarithms `logs` of the factors, (n + 1,). The
-      podium is already multiplied by its factors; the function itself applies the factor on the motion,
-      exp(logs[-1])
-    - `jit`: whether to compile the derivative as one program, instead of one program for each operation.
-      Functions that solve scenes need no jit
+      inputs of `podium` are already multiplied by their factors. The function itself must multiply the motion
+      by exp(logs[-1])
+    - `jit`: whether to compile the derivative as one program, instead of one program for each operation. A
+      function that solves scenes needs no jit, because rockjax compiles the solution of scenes
     """
     derivative = jax.value_and_grad(lambda logs: function(varied(problem, logs), logs))
     return lambda: (jax.jit(derivative) if jit else derivative)(jnp.zeros(len(problem.variables) + 1))
 
 
 def varied(problem: Problem, logs: Any) -> Podium:
-    """Return the structure with its inputs multiplied by the factors exp(logs), exact to first order in
-    `logs`, (n + 1,). The last factor applies to the motion and has no effect here."""
+    """Return the structure with its inputs multiplied by the first n factors, exp(logs[:-1]).
+
+    The result is exact to first order in the logarithms `logs`, (n + 1,). The last factor applies to the
+    motion and is not used.
+    """
     leaves, treedef = jax.tree.flatten(problem.podium)
     changed = [
         jnp.asarray(y, float) + J @ logs[:-1] for y, J in zip(leaves, problem.leaf_derivatives, strict=True)
@@ -92,9 +97,9 @@ def varied(problem: Problem, logs: Any) -> Podium:
 
 def scene_answers(scenes: Scenes, name: str, motion: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Return name → (value, derivatives) for each differentiable answer of a scene, such as "peak_rotation".
-    The last axis of the derivatives runs over the logarithms.
 
-    One solution gives the derivatives of all outputs. Motions of the same class and padded length share one
+    The last axis of the derivatives runs over the logarithms. One solution gives the derivatives of all
+    answers. Records are padded to a few common lengths. Motions of the same class and padded length share one
     compiled program.
 
     - `scenes`: the scenes of the problem
@@ -117,15 +122,15 @@ def scene_answers(scenes: Scenes, name: str, motion: int) -> dict[str, tuple[np.
 
 
 def prepare_answers(scenes: Scenes, name: str) -> None:
-    """Start to load or compile the program of `scene_answers` for a set in another thread, unless derivatives
-    of the set are stored."""
+    """Start to load or compile the program of `scene_answers` in another thread, unless derivatives of the
+    set `name` are stored."""
     if not any(key.startswith(f"derivatives.{name}.") for key in scenes.store.data):
         podium, excitation = scenes.problem.podium, scenes.motion_set(name).excitations[0]
         prepare_slopes(podium, excitation, as_start("report", REST, podium), None, _options(scenes, name))
 
 
 def _options(scenes: Scenes, name: str) -> Options:
-    """Return the options of scenes with derivatives."""
+    """Return the options of scenes of the set `name` that are solved with derivatives."""
     return scenes.problem.options.replace(outputs=tuple(scenes.needed[name].outputs), throw=False)
 
 
@@ -149,17 +154,18 @@ def leaf_directions(
 ) -> list[np.ndarray]:
     """Return, for each leaf of a scene, its derivatives with respect to the logarithms, (n + 1,).
 
-    The leaves are those of (podium.split_rows(), excitation.common_form()). Solutions have derivatives with
-    respect to scalar leaves only, so the derivatives of other leaves are not used.
+    The leaves are those of the pytree (podium.split_rows(), excitation.common_form()). A solution is
+    differentiated with respect to scalar leaves only, so the derivatives of other leaves are not used.
 
     - `problem`, `excitation`: the problem, and the motion of the scene
-    - `with_elevation`: whether the elevation of the podium is among the leaves
+    - `with_elevation`: whether the elevation of the podium, such as the positions of the columns, is among
+      the leaves
     """
     count, split = len(problem.variables), problem.split_derivatives
     of_podium = jax.tree.leaves(split if with_elevation else split.without_elevation())
     # Each leaf of the motion is constant or proportional to the factor on the motion. Its change from factor
-    # 1 to factor 2 is therefore its derivative. The mean turns a leaf with several values, which is not used,
-    # into one number.
+    # 1 to factor 2 is therefore its derivative. For a leaf with several values, the mean makes one number,
+    # which is not used.
     original, doubled = (jax.tree.leaves(excitation.scaled(factor).common_form()) for factor in (1.0, 2.0))
     of_motion = [np.mean(np.asarray(z) - np.asarray(y)) for y, z in zip(original, doubled, strict=True)]
     return [np.append(np.asarray(y), 0.0) for y in of_podium] + [

@@ -1,4 +1,5 @@
-"""Entries of `[[checks]]` and `[[targets]]`, and the keys that all kinds of checks share."""
+"""Entries: tables `[[checks]]` and `[[targets]]` of a problem file. The keys that all kinds of checks
+share."""
 
 from __future__ import annotations
 
@@ -35,12 +36,14 @@ class CheckKeys(models.Keys):
 class Entry:
     """An entry of `[[checks]]` or `[[targets]]`.
 
-    - `id`: identifier; `kind`: name of the kind; `keys`: keys of the entry after validation
-    - `arguments`: keys that only this kind has → values, or objects made from them, such as a class of pulses
+    - `id`: identifier in the report, such as "C1"; `kind`: name of the kind, such as "peak-rotation"
+    - `keys`: keys of the entry after validation
+    - `arguments`: name → value of the keys that only this kind has, or an object made from the value, such as
+      a class of pulses
     - `motions`: name of the set of motions; None for a check without one
     - `quantity`: what the value of the check measures, one of `units.KINDS`
-    - `limit`: limit [SI]; 1 if the kind has none
-    - `is_target`: whether it is a design target
+    - `limit`: limit [SI]; 1 if the kind has no limit
+    - `is_target`: whether the entry is a design target
     """
 
     id: str

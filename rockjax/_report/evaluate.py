@@ -1,4 +1,8 @@
-"""Evaluation of the checks of a problem: values, utilisations and results."""
+"""Evaluation of the checks of a problem: values, utilisations U (value/limit, or limit/value for a minimum)
+and results.
+
+A scene is the structure under one motion.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +26,7 @@ from .reading import read_problem
 from .scenes import Needs, NoProgress, Scenes
 from .store import Store
 
-SKIPPABLE = ("risk", "methods", "spread")  # valid names in `skip`
+SKIPPABLE = ("risk", "methods", "spread")  # valid names in the argument `skip`
 
 
 def evaluate(
@@ -32,16 +36,16 @@ def evaluate(
 
     - `problem`: a [`rockjax.Problem`][], or the path of a problem file
     - `skip`: parts that are left out: `"risk"` (annual frequency, median capacity, failure probability),
-      `"methods"` (the simplified methods) and `"spread"` (checks with one input at a time decreased or
-      increased)
+      `"methods"` (the simplified methods) and `"spread"` (the checks repeated with one input at a time
+      decreased or increased)
     - `store`: path of a file NAME.nc with the scenes of an earlier report, which are not solved again; None
-      for no file. `evaluate` does not write NAME.nc; [`rockjax.report`][] does, if it is given the evaluation
-      and an `output`. If `evaluate` takes long or is interrupted, it writes NAME.partial.nc, from which a
-      later call continues
+      for no file. `evaluate` does not write NAME.nc. [`rockjax.report`][] writes it if you pass the
+      evaluation and an `output`. If `evaluate` takes long or is interrupted, it writes NAME.partial.nc, from
+      which a later call continues
     - `progress`: object with the methods `update(number_of_scenes)` and `describe(text)`; None shows nothing
 
-    Returns an [`rockjax.Evaluation`][]. Raises `ValueError` for an invalid problem file and for unknown names
-    in `skip`, and `OSError` if the file cannot be read.
+    Returns an [`rockjax.Evaluation`][]. Raises `ValueError` for a problem file that is invalid or cannot be
+    read, and for unknown names in `skip`. Raises `OSError` if NAME.partial.nc cannot be written.
     """
     if isinstance(problem, str | Path):
         problem = read_problem(problem)
@@ -89,8 +93,8 @@ def made_entries(problem: Problem, skip: tuple[str, ...]) -> list[Entry]:
 
 
 def needs_of_sets(problem: Problem) -> dict[str, Needs]:
-    """Return for each set of motions the outputs, blocks and oscillators that its checks need. They do not
-    depend on `skip`, so that scenes stored by a run with another `skip` are used again."""
+    """Return for each set of motions the outputs, blocks and oscillators that its checks need. Checks that
+    are left out on request count too, so that a later run without this request can use the stored scenes."""
     needed = {name: Needs({}, {}) for name in problem.motions}
     for entry in made_entries(problem, ()):
         if entry.motions:
@@ -156,8 +160,8 @@ def _compute(entry: Entry, kind: Kind, scenes: Scenes) -> Check:
         values,
     )
     slopes = _sensitivities(check, scenes)
-    # The derivatives of a mean are left out if one of them is steep: a motion that barely rocks may dominate
-    # it.
+    # If |d ln U/d ln y| · spread of a mean exceeds 1 for an input y, all derivatives of the mean are left
+    # out: a motion under which the columns barely rock may dominate them.
     is_mean, spread = check.statistic == "mean", scenes.problem.report.spread
     is_smooth = not is_mean or all(abs(y) * spread <= 1 for y in slopes.values())
     return dataclasses.replace(
@@ -174,13 +178,14 @@ def utilisations_of(
 ) -> tuple[float, float, float]:
     """Return the least, the estimated and the largest utilisation [–] of a value with an error.
 
-    - `value`, `error`, `limit`: the value, its estimated error and its limit [SI]. The error of a value that
-      is not finite is ignored
+    - `value`, `error`, `limit`: the value, its estimated error and its limit [SI]. If the value is not
+      finite, the error is ignored
     - `is_minimum`: whether the value must be at least the limit
     - `error_factor`: the least and the largest utilisation are those of value ± `error_factor` · error
 
-    For a maximum, the utilisation is inf if the value is infinite. For a minimum, it is 0 for the value inf;
-    a value ≤ 0 gives 0 if it satisfies the limit, otherwise inf. For the value NaN, it is NaN.
+    The utilisation is NaN if the value is NaN. For a maximum, an infinite value has the utilisation inf. For
+    a minimum, the value inf has the utilisation 0. A value ≤ 0 that must be at least the limit has the
+    utilisation 0 if it satisfies a limit ≤ 0, otherwise inf.
     """
 
     def utilisation(y: float) -> float:
@@ -192,7 +197,7 @@ def utilisations_of(
             return 0.0
         if y > 0:
             return limit / y
-        # For y ≤ 0 the ratio limit/y does not apply.
+        # For y ≤ 0 the ratio limit/y is no measure of safety.
         return math.inf if limit > 0 else 0.0 if y >= limit else math.inf
 
     shifts = (-error_factor * error, 0.0, error_factor * error) if math.isfinite(value) else (0.0,) * 3
@@ -205,7 +210,7 @@ def decide(utilisations: tuple[float, float, float], is_unanswered: bool, is_vio
 
     - `utilisations`: least, estimated and largest utilisation, from `utilisations_of`
     - `is_unanswered`: whether a scene of the set is undecided or has no answer
-    - `is_violated`: whether an assumption that invalidates results is violated
+    - `is_violated`: whether an assumption in `INVALIDATING` is violated
     """
     least, _, largest = utilisations
     if least > 1:
@@ -228,8 +233,8 @@ def _violated(kind: Kind, entry: Entry, scenes: Scenes) -> tuple[str, ...]:
 
 
 def _sensitivities(check: Check, scenes: Scenes) -> dict[str, float]:
-    """Return input y → d ln U/d ln y, for the governing motion or, if the statistic is the mean, for the
-    mean; empty if there are no derivatives."""
+    """Return input y → d ln U/d ln y; empty if there are no derivatives. U is that of the mean if the
+    statistic is the mean, otherwise that of the governing motion."""
     if check.governing is None or not math.isfinite(check.value) or check.value == 0:
         return {}
     assert check.values is not None
@@ -249,11 +254,11 @@ def _sensitivities(check: Check, scenes: Scenes) -> dict[str, float]:
 
 
 def _repeat(check: Check, scenes: Scenes, law: str | None = None, variation: str = "") -> Any:
-    """Evaluate a check for a changed structure or changed motions. Return the result of `utilisations_of`,
-    and the values.
+    """Evaluate a check again with another law of impact, or with a changed input or factor on the motions.
+    Return the result of `utilisations_of`, and the values.
 
     - `check`, `scenes`: the check, and the scenes of the problem
-    - `law`, `variation`: law of impact and variation, as for `Kind.values`
+    - `law`, `variation`: law of impact and name of the change, as for `Kind.values`
     """
     values = check.kind.values(check.entry, scenes, law, variation)
     value, error, _ = statistic_of(values, check.statistic, check.kind.is_minimum)
@@ -262,15 +267,15 @@ def _repeat(check: Check, scenes: Scenes, law: str | None = None, variation: str
 
 
 def _spread(check: Check, scenes: Scenes) -> dict[str, tuple[float, float]]:
-    """Return input → (U with the input decreased, U with the input increased) [–]; U is NaN for a change that
-    is not possible."""
+    """Return input → (U with the input decreased, U with the input increased) [–]. U is NaN if the changed
+    input is not valid."""
     varied = {variation: _repeat(check, scenes, variation=variation)[0][1] for variation in scenes.variations}
     names = dict.fromkeys(variation[:-1] for variation in scenes.variations)
     return {name: tuple(varied.get(f"{name}{sign}", math.nan) for sign in "-+") for name in names}
 
 
 def _laws(check: Check, scenes: Scenes) -> dict[str, tuple[float, str]]:
-    """Return law of impact → (U [–], result if violated assumptions are ignored)."""
+    """Return law of impact → (U [–], result). Violated assumptions are ignored."""
     laws = {}
     for law in scenes.problem.report.laws:
         utilisations, values = _repeat(check, scenes, law=law)

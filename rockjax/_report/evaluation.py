@@ -21,27 +21,27 @@ if TYPE_CHECKING:
 class Check:
     """A check with its result.
 
-    - `id`, `name`, `kind`, `clause`: as in the problem file; `is_target`: whether it is a design target
-    - `motions`, `statistic`: name of the set of motions, and statistic over the set
+    - `id`, `name`, `kind`, `clause`: as in the problem file; `is_target`: whether the check is a design
+      target
+    - `motions`: name of the set of motions; `statistic`: statistic over the set, such as "max"
     - `result`: `"PASS"`, `"FAIL"`, `"UNDECIDED"`, `"NOT VALID"`, `"NOT MADE"` or `"BY OTHERS"`
-    - `reason`: why there is no value, or which scenes leave the result undecided, or a remark on the value;
-      "" for none
+    - `reason`: why there is no value, why the result is undecided, or a remark on the value; "" for none
     - `violated`: ids of the assumptions that do not hold, such as `"A7"`
-    - `limit`, `value`, `error`: limit, value and estimated error of the value [SI]; NaN if missing. An
-      infinite `value` stands for the event that `text` states
+    - `limit`, `value`, `error`: limit, value and estimated error of the value [SI]; NaN if missing. If
+      `value` is infinite, `text` states the event that it stands for
     - `text`: text that is shown if the value is not finite, such as "overturned at 5.85 s"; otherwise ""
     - `state`: meaning of `text` for programs, one of `tables.STATES`; "" without a text
-    - `utilisation`: U = value/limit, or limit/value for a minimum [–]; inf if the columns overturn, NaN if
-      the check was not made
+    - `utilisation`: U = value/limit, or limit/value for a minimum [–]; inf if overturning makes the value
+      infinite, NaN if there is no value
     - `governing`: index of the motion or pulse with the governing value; None if the check was not made or
       has a single value
     - `location`: storey, joint, mode, block or time of the governing value; "" for none
     - `values`: the values of all motions or pulses; None if the check was not made
-    - `sensitivities`: input y → d ln U/d ln y; "motion" is the factor on the motions. If there are none,
-      `no_slopes` is the reason
+    - `sensitivities`: input y → derivative d ln U/d ln y; "motion" is the factor on the motions. If there are
+      no derivatives, `no_slopes` is the reason
     - `spread`: input → (U with the input decreased, U with the input increased); empty if not computed. U is
-      NaN if the change is not possible, or a changed scene has no answer
-    - `laws`: law of impact → (U, result if violated assumptions are ignored); empty if not computed
+      NaN if the changed input is not valid, or if a scene with the change has no answer
+    - `laws`: law of impact → (U, result), where violated assumptions are ignored; empty if not computed
     """
 
     entry: Entry
@@ -100,11 +100,11 @@ class Check:
 class Evaluation:
     """An evaluated problem, from [`rockjax.evaluate`][].
 
-    - `problem`: the problem; `scenes`: its solved scenes
+    - `problem`: the problem; `scenes`: its solved scenes (a scene is the structure under one motion)
     - `checks`: a `Check` for every entry of `[[checks]]` and `[[targets]]`
-    - `assumptions`: set of motions → id of the assumption → result of its test, with `violated` (for each
-      scene), `worst` and `text`, or a text that states why there is no test; only sets with at least one
-      check whose `values` are not None
+    - `assumptions`: set of motions → id of the assumption, such as `"A7"` → result of its test, or a text
+      that states why it was not tested. The result has the fields `violated` (a boolean for each scene),
+      `worst` and `text`. Sets without a check whose `values` are present are left out
     - `skipped`: the argument `skip` of `evaluate`
     - `make_tables`: function that returns the tables of an evaluation
     """
@@ -133,7 +133,7 @@ class Evaluation:
 
 
 def verdict(results: list[str]) -> str:
-    """Return the verdict on the results of all checks, such as "Verified: all 14 checks pass."."""
+    """Return the verdict on the results of all checks, for example "Verified: all 14 checks pass."."""
     own_results = [result for result in results if result != "BY OTHERS"]
     others = len(results) - len(own_results)
     count = {word: own_results.count(word) for word in ("PASS", "FAIL", "UNDECIDED", "NOT VALID", "NOT MADE")}

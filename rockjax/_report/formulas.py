@@ -1,6 +1,6 @@
 """Formulas of reports by name: LaTeX source, MathML and equation number, from `formulas.json`.
 
-`docs/report_formulas.py` makes the MathML.
+`docs/report_formulas.py` makes the MathML in this file.
 """
 
 from __future__ import annotations

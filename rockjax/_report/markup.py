@@ -31,10 +31,10 @@ from .tables import (
 )
 from .units import Units
 
-# Tone → class of page.css.
+# Tone of a text (its colour, see `tables.Tone`) → class of page.css.
 CLASSES: Final[dict[Tone, str]] = {"plain": "", "good": "good", "bad": "bad", "unverified": "unverified"}
 _FORBIDDEN = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ufffe\uffff\ud800-\udfff]")
-# Start of the element around a table, which scrolls sideways on narrow screens.
+# Start of the element around a table. On narrow screens the element scrolls sideways.
 SCROLL_BOX_START = Markup(
     '<div class="scroll" tabindex="0" role="group" aria-label="table, scrolls sideways">'
 )
@@ -48,7 +48,7 @@ def safe(string: str) -> Markup:
 
 
 def text(content: Text, units: Units) -> Markup:
-    """Return a text as HTML, its quantities in the units of the page."""
+    """Return a text as HTML, with its quantities in the units of the page."""
     parts = (content,) if isinstance(content, str) else content
     return Markup("").join(_part(part, units) for part in parts)
 
@@ -82,7 +82,7 @@ def formula(part: Formula) -> Markup:
 
 
 def second_line(content: Text, units: Units) -> Markup:
-    """Return a text as HTML for the second line of a cell; "" for an empty text."""
+    """Return a text as HTML for the second line of a cell. For an empty text, return ""."""
     return Markup("<small>{}</small>").format(text(content, units)) if content else Markup("")
 
 

@@ -1,6 +1,6 @@
 """The page of a report: one HTML file without scripts or network requests.
 
-The template is `page.html.jinja`, the style `page.css`. Equal pages give equal bytes.
+The template is `page.html.jinja`, and the style is `page.css`. Equal pages give equal bytes.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def render(page: Page, units: Units) -> str:
     - `page`: content of the page [SI]
     - `units`: units in which numbers are shown
 
-    All texts are escaped. A limit that the problem file gives in another unit is shown in both units.
+    All texts are escaped. A limit that has another unit in the problem file is shown in both units.
     """
     in_units = {
         name: functools.partial(function, units=units)
@@ -63,14 +63,14 @@ def render(page: Page, units: Units) -> str:
 
 
 def css_string(text: str) -> str:
-    """Return a text for use within a CSS string. All characters are escaped, except letters, digits, "_" and
-    spaces. U+FFFD replaces U+0000, which cannot be escaped."""
+    """Return a text for use within a CSS string. All characters except letters, digits, "_" and spaces are
+    escaped. U+FFFD replaces U+0000, which cannot be escaped."""
     return re.sub(r"[^\w ]", lambda match: f"\\{ord(match[0]) or 0xFFFD:06x} ", text)
 
 
 def _limit(limit: Limit | TextCell, units: Units) -> Markup:
-    """Return the limit of a check in the unit of the page, and also in the unit of the problem file if they
-    differ."""
+    """Return the limit of a check in the unit of the page. If the problem file has another unit, add the
+    limit in this unit."""
     if isinstance(limit, TextCell):
         return markup.value(limit, units)
     quantity = limit.quantity
@@ -93,7 +93,7 @@ def _breakable(content: str) -> str:
 
 
 def _utilisation(cell: Quantity | TextCell, units: Units) -> Markup:
-    """Return a utilisation after a bar with a mark at 1, or a text without a bar."""
+    """Return a utilisation with a bar before it, which has a mark at 1. A text is returned without a bar."""
     if isinstance(cell, TextCell):
         return Markup('<span class="nb">{}</span>').format(markup.text(cell.text, units))
     percent = 100 * min(max(cell.value, 0.0), _LARGEST_U) / _LARGEST_U
@@ -119,7 +119,7 @@ def _template() -> jinja2.Template:
 
 @functools.cache
 def _font() -> str:
-    """Return the font of formulas in base 64."""
+    """Return the font of the formulas, encoded in base 64."""
     return base64.b64encode(files("rockjax._report").joinpath("formulas.woff").read_bytes()).decode()
 
 

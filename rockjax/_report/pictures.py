@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLUMN, BEAM = "#cfd8e3", "#e6e9ee"
-# Colour of figures → variable of page.css. The variable has different values in the light and dark themes.
+# Colour in figures → variable of page.css, which has different values in the light and the dark theme.
 VARIABLES = {
     "#d55e00": "--c-red",
     "#0072b2": "--c-blue",
@@ -126,13 +126,13 @@ def elevation_drawing(
 ) -> Figure:
     """Return a drawing to scale: the structure with dimensions and masses, and beside it one rotated column.
 
-    - `podium`: a single podium. Dimension lines for the distances of columns are drawn only if the podium has
-      an elevation, and those for stories only if it has story heights
+    - `podium`: a single podium. The distances of the columns have dimension lines only if `podium.elevation`
+      has their positions. The stories have dimension lines only if their heights are given
     - `units`: units of the numbers in the drawing
     - `column_mass`: mass of one column [kg]; None omits all masses
-    - `columns`: number of columns N, for a podium without an elevation
-    - `rotation`: rotation of the column beside the structure [rad], drawn as at most α; None for an upright
-      column
+    - `columns`: number of columns N, used if `podium.elevation` is None
+    - `rotation`: rotation of the column beside the structure [rad]. Its absolute value is drawn, or α if this
+      is smaller; None for an upright column
     - `label`: source of the rotation, such as "motion 9"; "" for none
     """
     import matplotlib.pyplot as plt
@@ -150,7 +150,7 @@ def elevation_drawing(
 
 
 def _draw_structure(ax: Axes, podium: Podium, units: Units, column_mass: float | None, columns: int) -> None:
-    """Draw ground, columns, beam and floors, with heights at the left and masses at the right.
+    """Draw ground, columns, beam and floors, with dimensions at the left and below, and masses at the right.
 
     - `ax`: axes to draw into
     - `podium`, `units`, `column_mass`, `columns`: as for `elevation_drawing`
@@ -158,7 +158,7 @@ def _draw_structure(ax: Axes, podium: Podium, units: Units, column_mass: float |
     width, height = float(podium.width), float(podium.height)
     positions, count, has_positions = _column_positions(podium, width, height, columns)
     depth = float(podium.elevation.beam_depth) if podium.elevation is not None else 0.0  # pyright: ignore
-    has_beam = podium.superstructure is not None or float(podium.gamma) > 0  # a solitary block has none
+    has_beam = podium.superstructure is not None or float(podium.gamma) > 0  # a solitary block has no beam
     drawn_depth = (depth or 0.12 * height) if has_beam else 0.0
     left, right = positions[0] - 0.9 * width, positions[-1] + 0.9 * width
     levels, masses, has_heights = _floors(podium, height, count * (column_mass or 0.0))
@@ -208,11 +208,13 @@ def _draw_structure(ax: Axes, podium: Podium, units: Units, column_mass: float |
 def _column_positions(
     podium: Podium, width: float, height: float, columns: int
 ) -> tuple[np.ndarray, int, bool]:
-    """Return the distinct positions x of columns [m], the number of columns, and whether the positions are
-    those of the podium, not invented for the drawing.
+    """Return the positions x of the columns without repetitions [m], the number of columns, and whether the
+    positions are known.
+
+    Unknown positions are chosen for the drawing.
 
     - `podium`: the structure; `width`, `height`: size of a column [m]
-    - `columns`: number of columns, for a podium without an elevation
+    - `columns`: number of columns, used if `podium.elevation` is None
     """
     if podium.elevation is None:
         spacing = max(0.9 * height, 2.5 * width)
@@ -223,10 +225,14 @@ def _column_positions(
 
 
 def _floors(podium: Podium, height: float, total_column_mass: float) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Return heights of the floors above the beam [m], masses of the floors [kg], and whether the heights are
-    those of the podium, not invented for the drawing.
+    """Return the heights of the floors above the beam [m], the masses of the floors [kg], and whether the
+    heights are known.
 
-    A superstructure that is not a `ShearBuilding` is drawn as one mass.
+    Unknown heights are chosen for the drawing. A superstructure that is not a `ShearBuilding` is drawn as one
+    mass.
+
+    - `podium`: the structure; `height`: height of a column [m]
+    - `total_column_mass`: mass of all columns [kg]
     """
     superstructure = podium.superstructure
     if superstructure is None:
@@ -251,8 +257,8 @@ def _rounded_mass(mass: float) -> float:
 
 
 def _mass_notes(levels: Sequence[float], masses: Sequence[str]) -> list[tuple[float, str]]:
-    """Return heights [m] and texts of masses. With more than 12 floors, adjacent equal masses share a
-    text."""
+    """Return the height [m] and the text of each note on masses. If there are more than `_MARKED_FLOORS`
+    floors, adjacent floors of equal mass share a note."""
     if len(masses) <= _MARKED_FLOORS:
         return list(zip(levels, masses, strict=True))
     notes, start = [], 0
@@ -267,8 +273,8 @@ def _mass_notes(levels: Sequence[float], masses: Sequence[str]) -> list[tuple[fl
 def _story_dimensions(
     base: float, levels: np.ndarray, length_text: Callable[[float], str]
 ) -> list[tuple[float, float, str]]:
-    """Return (lower end, upper end, text) of the dimension lines of stories. Adjacent equal stories share a
-    line."""
+    """Return (lower end [m], upper end [m], text) of the dimension lines of the stories. Adjacent stories of
+    equal height share a line."""
     ends = [base, *map(float, levels)]
     heights = [length_text(upper - lower) for lower, upper in itertools.pairwise(ends)]
     dimensions, start = [], 0
@@ -282,7 +288,7 @@ def _story_dimensions(
 
 
 def _draw_column(ax: Axes, podium: Podium, units: Units, rotation: float | None, label: str) -> None:
-    """Draw a column upright and rotated about its right edge, with its dimensions.
+    """Draw a column at rest and rotated about its right bottom edge, with its dimensions.
 
     - `ax`: axes to draw into
     - `podium`, `units`, `rotation`, `label`: as for `elevation_drawing`
@@ -324,7 +330,7 @@ def _draw_column(ax: Axes, podium: Podium, units: Units, rotation: float | None,
 
 
 def _dimension_text(value: float, kind: str, units: Units) -> str:
-    """Return a length [m] as text in the unit of its kind, with the decimals of `_DECIMALS`."""
+    """Return a length [m] as text, in the unit of the page for `kind`, with the decimals in `_DECIMALS`."""
     return f"{units.show(value, kind):.{_DECIMALS[units.unit(kind)]}f}"
 
 
@@ -345,7 +351,7 @@ def _draw_dimension(
     vertical one.
 
     - `ax`: axes to draw into; `start`, `end`: ends of the line (x, y) [m]; `text`: the text
-    - `is_short`: whether the text of a vertical line is horizontal, because it is longer than the line
+    - `is_short`: whether a vertical line is shorter than its text. The text is then horizontal
     """
     (x0, y0), (x1, y1) = start, end
     is_vertical = x0 == x1

@@ -23,7 +23,7 @@ from rockjax._structures import Podium
 
 from .entry import Entry
 
-# Inputs that are counts and so cannot be multiplied by a factor.
+# Inputs that are counts. They cannot be multiplied by a factor.
 COUNTS = ("columns", "stories", "modes", "superstructure.stories", "superstructure.modes")
 
 
@@ -31,7 +31,7 @@ COUNTS = ("columns", "stories", "modes", "superstructure.stories", "superstructu
 class MotionSet:
     """A named set of motions.
 
-    - `name`: key under `[motions]`; `label`: label from the table `motions` of `[report]`, by default the
+    - `name`: key under `[motions]`; `label`: label from `motions` in the table `[report]`, by default the
       name
     - `members`: records (`Motion`) or pulses; `names`: a unique name for each
     """
@@ -63,8 +63,8 @@ class MotionSet:
 
     @functools.cached_property
     def hashes(self) -> tuple[str, ...]:
-        """SHA-256 of the samples of each record, or of the class and the parameters of each pulse; for two
-        components, two hashes joined by "+"."""
+        """SHA-256 of the samples of each record, or of the class and the parameters of each pulse. A motion
+        with a vertical component has two hashes, joined by "+"."""
 
         def hash_of(component: Any) -> str:
             if isinstance(component, Motion):
@@ -81,8 +81,8 @@ class MotionSet:
 
     @property
     def identities(self) -> tuple[str, ...]:
-        """For each motion, a text with its hash and, for a record, the sampling intervals. Motions with equal
-        texts cause equal responses."""
+        """For each motion, a text with its hash and, for a record, the sampling interval of each component.
+        Motions with equal texts cause equal responses."""
 
         def intervals(member: Any) -> list[float]:
             components = (member, member.vertical) if isinstance(member, Motion) else ()
@@ -98,7 +98,7 @@ class Input:
 
     - `key`: key under `[structure]`, such as `width` or `superstructure.T_s`; `value`: value or list of
       values
-    - `source`: source that the file states in `[sources]`, or None
+    - `source`: source of the value in the table `[sources]`; None if there is none
     """
 
     key: str
@@ -114,14 +114,14 @@ class Input:
 
 @dataclasses.dataclass(frozen=True)
 class Problem:
-    """A problem file as objects, from [`rockjax.read_problem`][].
+    """The contents of a problem file as objects, from [`rockjax.read_problem`][].
 
     - `path`, `sha256`: the file and the hash of its text
     - `podium`: the structure; `inputs`: `key`, `value` and `source` of each key of `[structure]`
     - `motions`: name → set of motions, with `name`, `label`, `members` and `names`
     - `checks`: the entries of `[[checks]]` and `[[targets]]`
     - `options`: options of the solver
-    - `sources`: key of the file, such as `structure.width` → text that states where its value comes from
+    - `sources`: key of the file, such as `structure.width` → text that states the source of its value
     - `project`, `joints`, `report`, `fragility`, `risk`, `structure`: tables of the file
     - `text`: the text of the file
     """
@@ -148,7 +148,8 @@ class Problem:
     def varied(self, factors: Mapping[str, Any]) -> Podium:
         """Return the structure with inputs multiplied by factors.
 
-        - `factors`: key of an input → factor on the number, or on all numbers of a list; JAX may trace it
+        - `factors`: key of an input → factor on the number, or on all numbers of a list. Factors may be JAX
+          tracers
         """
         return podium_with(self.structure, factors)
 
@@ -159,14 +160,14 @@ class Problem:
 
     @property
     def leaf_derivatives(self) -> list[Any]:
-        """For each leaf of `podium`, its derivatives with respect to ln y for the inputs y in `variables`.
-        The last axis runs over these inputs."""
+        """For each pytree leaf of `podium`, its derivatives with respect to ln y for the inputs y in
+        `variables`. The last axis runs over these inputs."""
         return self._derivatives[0]
 
     @property
     def split_derivatives(self) -> Podium:
-        """`podium.split_rows()` with each leaf replaced by its derivatives, in the form of
-        `leaf_derivatives`."""
+        """The derivatives in the form of `leaf_derivatives`, in place of the leaves of `podium.split_rows()`.
+        This podium has tuples of numbers in place of arrays over columns, modes or stories."""
         return self._derivatives[1]
 
     @functools.cached_property
@@ -198,7 +199,7 @@ class Problem:
 def podium_with(structure: models.ByRatios | models.ByDimensions, factors: Mapping[str, Any]) -> Podium:
     """Return the podium of a table `[structure]` with inputs multiplied by factors.
 
-    - `structure`: the table; `factors`: key of an input → factor, which JAX may trace
+    - `structure`: the table; `factors`: key of an input → factor, a number or a JAX tracer
     """
     changes: dict[str, Any] = {}
     nested: dict[str, dict[str, Any]] = {}

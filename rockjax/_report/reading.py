@@ -28,8 +28,8 @@ def read_problem(path: str | Path) -> Problem:
 
     - `path`: a TOML file with `[structure]`, `[motions.NAME]`, and `[[checks]]` or `[[targets]]`
 
-    Returns a [`rockjax.Problem`][]. Raises `ValueError` for an invalid file, with the key, the cause and the
-    cure, and `OSError` if the file cannot be read.
+    Returns a [`rockjax.Problem`][]. Raises `ValueError` if the file is invalid or cannot be read. The message
+    names the file, the key, the cause and the cure.
     """
     path = Path(path)
     return problem_of(load_table(path), path)
@@ -102,7 +102,8 @@ def _name(member: Any) -> str:
 
 
 def _inputs(structure: models.Keys) -> Iterator[tuple[str, Any]]:
-    """Yield key and value of every input of a structure; a key of an inner table has the form "table.key"."""
+    """Yield the key and the value of every input of a structure. A key of an inner table has the form
+    "table.key"."""
     for name, value in structure.as_arguments().items():
         if isinstance(value, models.Keys):
             yield from ((f"{name}.{inner}", y) for inner, y in value.as_arguments().items())
@@ -164,7 +165,7 @@ def _entry(
     where: str,
     given: Mapping[str, Any],
 ) -> Entry:
-    """Return an entry; `id`, `motions` and `is_target` do not have their final values yet.
+    """Return an entry. The caller replaces its fields `id`, `motions` and `is_target` by their final values.
 
     - `reader`, `table`, `file`, `podium`: as for `read_checks`
     - `where`: key of the entry, such as "checks[0]"; `given`: table of the entry
@@ -187,8 +188,8 @@ def _entry(
 
 
 def _resolve(table: Mapping[str, Any], name: str, value: Any) -> Any:
-    """Return the number at the key that a limit such as "joints.friction" names; return other values
-    unchanged.
+    """Return a value of an entry. If it is a limit that names a key, such as "joints.friction", return the
+    number at this key instead.
 
     - `table`: contents of the problem file
     - `name`, `value`: key and value in the table of the check

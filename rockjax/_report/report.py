@@ -108,17 +108,18 @@ def report(
     - `problem`: path of a problem file, a [`rockjax.Problem`][], or an [`rockjax.Evaluation`][]
     - `output`: path of the page, NAME.html; None writes nothing. NAME.json (all numbers in SI) and NAME.nc
       (all scenes) are written beside the page. Scenes that NAME.nc already has are not solved again. If
-      `problem` is an `Evaluation`, its scenes are written to the `store` that [`rockjax.evaluate`][] was
-      given, not to NAME.nc
-    - `units`: units of the page, such as "kN,m,deg,g,mm": at most one for each kind of quantity, but two for
-      lengths. Of these two, the larger applies to dimensions and the smaller to displacements. By default,
-      the units of the file, or "kN,m,deg,g,mm" if the file states none
+      `problem` is an `Evaluation`, its scenes are not written to NAME.nc, but to the `store` of the call of
+      [`rockjax.evaluate`][], if it had one
+    - `units`: units of the page, such as "kN,m,deg,g,mm", by default those of the file, or "kN,m,deg,g,mm" if
+      the file states none. Each kind of quantity has at most one unit. Lengths may have two: the larger
+      applies to dimensions and the smaller to displacements
     - `skip`, `progress`: as for [`rockjax.evaluate`][]; unused for an `Evaluation`
     - `command`: the command line that makes the report, shown at the head of the page; "" for none
 
-    Returns a [`rockjax.Report`][]. Before anything is solved, raises `ValueError` for an invalid problem
-    file, for unknown units or unknown names in `skip`, and for an `output` whose suffix is neither .html nor
-    .htm. Raises `OSError` for files that cannot be read or written. For a PDF, print the page from a browser.
+    Returns a [`rockjax.Report`][]. Raises `ValueError`, before anything is solved, for a problem file that is
+    invalid or cannot be read, for unknown units or unknown names in `skip`, and for an `output` whose suffix
+    is neither .html nor .htm. Raises `OSError` for files that cannot be written. For a PDF, print the page
+    from a browser.
     """
     path = None if output is None else Path(output)
     if path is not None and path.suffix.lower() not in (".html", ".htm"):
@@ -135,9 +136,10 @@ def report(
         if units is not None or problem.report.units:
             from .units import Units
 
-            Units.parse(units or problem.report.units or ())  # raises before anything is solved
+            Units.parse(units or problem.report.units or ())  # raises an error before anything is solved
         check_skip(skip)
-        # xarray imports distributed, if installed, when the first file is written.
+        # xarray imports `distributed`, if it is installed, to write the first file. Another thread imports it
+        # and the other modules while scenes are solved.
         import_in_background(*TABLE_MODULES, "distributed", "matplotlib.pyplot")
         store = Store(None if path is None else path.with_suffix(".nc"))
         if "methods" not in skip:

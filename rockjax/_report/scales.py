@@ -1,7 +1,8 @@
-"""Least factors by which motions must be multiplied to lift or overturn the columns.
+"""Least factors on motions that lift or overturn the columns.
 
-A boundary is a factor at which the outcome changes between survival and overturning. A window is an interval
-of factors between two boundaries.
+A scene is the structure under one motion multiplied by a factor. A boundary is a factor at which the outcome
+changes between survival and overturning. A window is an interval of factors between two boundaries, with the
+same outcome for all factors inside.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ JUST_BELOW = 1 - 1e-6  # a boundary times this factor gives a scene just below t
 # The search for the end of a window of overturning starts with scenes at these multiples of the least
 # overturning factor.
 WINDOW_FACTORS = 1 + np.geomspace(1e-6, 1.0, 32)
-BOUNDARY_ERROR = 1e-9  # relative error of overturning factors from scenes with `boundary_options`
+BOUNDARY_ERROR = 1e-9  # relative error of overturning factors that are searched with `boundary_options` [–]
 
 
 def least_factors(scenes: Scenes, name: str, event: str) -> xarray.Dataset:
@@ -46,22 +47,24 @@ def least_factors(scenes: Scenes, name: str, event: str) -> xarray.Dataset:
     - `scenes`: the scenes of the problem
     - `name`: name of the set; `event`: "uplift" or "overturning"
 
-    The variables of the dataset are `factor` and its estimated `error`; the attribute `limit` is the largest
-    factor searched. For a motion that does not overturn the columns up to this limit, `factor` is inf and
+    The variables of the dataset are `factor` and its estimated `error`. The attribute `limit` is the largest
+    searched factor. For a motion that does not overturn the columns up to this limit, `factor` is inf and
     `error` is NaN.
 
-    For overturning there are two more variables. From `factor` to `survives_from`, the columns overturn. From
-    `survives_from` to `overturns_again_from`, they survive. Both are searched up to twice `factor`, and are
-    NaN if they are not found. Narrow windows may be missed.
+    For overturning there are two more variables, `survives_from` and `overturns_again_from`. The columns
+    overturn at factors from `factor` to `survives_from`, and survive from there to `overturns_again_from`.
+    Both variables are searched up to twice `factor`; a variable that is not found is NaN. Narrow windows may
+    be missed.
 
-    Raises `RuntimeError` if uplift starts at a factor that is too small to be found.
+    Raises `ValueError` for a motion without horizontal acceleration, and `RuntimeError` if the least uplift
+    factor is too small to be found. Both apply to uplift only.
     """
     return scenes.store.get(*_stored_search(scenes, name, event))
 
 
 def start_search(scenes: Scenes, name: str, event: str) -> bool:
-    """Start the search of `least_factors` in another thread, unless its result is stored. Return whether the
-    result is still to come."""
+    """Start the search of `least_factors` in another thread, unless its result is stored. Return False if it
+    is stored, otherwise True."""
     return scenes.store.start(*_stored_search(scenes, name, event))
 
 
@@ -74,8 +77,8 @@ def _stored_search(scenes: Scenes, name: str, event: str) -> Stored:
 
 
 def just_below(factors: np.ndarray, end: float | np.ndarray = MAX_SCALE) -> np.ndarray:
-    """Return factors just below the boundaries `factors`. Where `factors` is not finite, because no boundary
-    was found, return the end of the search, `end`."""
+    """Return factors just below the boundaries `factors`. If a boundary is not finite, the search found none;
+    return the end of the search, `end`, for it."""
     return np.where(np.isfinite(factors), JUST_BELOW * factors, end)
 
 
@@ -84,7 +87,8 @@ def _uplift(scenes: Scenes, motions: MotionSet) -> xarray.Dataset:
 
     scenes.describe(f"uplift factors of {motions.name}")
     factor = _estimate_uplift_factors(scenes, motions)
-    # A second solution at 0.9 times the estimate, still without uplift, gives the factor and its error.
+    # At 0.9 times the estimate the columns do not lift. A second solution there gives the factor and its
+    # error.
     excitations = [y.scaled(0.9 * f) for y, f in zip(motions.excitations, factor, strict=True)]
     data = scenes.solve(scenes.problem.podium, excitations, _uplift_options(scenes.problem), ("motion",))
     factor = 0.9 * factor / data["uplift_ratio"].values
@@ -97,7 +101,7 @@ def _uplift_options(problem: Problem) -> Options:
 
 
 def _estimate_uplift_factors(scenes: Scenes, motions: MotionSet) -> np.ndarray:
-    """Return estimates of the least factors that lift the columns, from scenes without uplift."""
+    """Return estimates of the least factors that lift the columns, (motions,), from scenes without uplift."""
     from rockjax._batch.batch import peak_responses
 
     podium, options = scenes.problem.podium, _uplift_options(scenes.problem)
@@ -133,7 +137,7 @@ def _overturning(scenes: Scenes, motions: MotionSet) -> xarray.Dataset:
 
     found = scan(plane, np.arange(len(motions)), (0.0, MAX_SCALE), ROW_SIZE, options, first_only=True)
     factors, _ = found.crossings.first(len(motions))
-    # Boundaries are bisected to rounding, so the error of a factor stems from the errors of the scenes only.
+    # Boundaries are narrowed to rounding, so the errors of the scenes alone determine the error of a factor.
     error = np.where(np.isfinite(factors), factors * BOUNDARY_ERROR, np.nan)
     survives, overturns = _window_ends(plane, factors, options)
     variables = {
@@ -148,17 +152,17 @@ def _overturning(scenes: Scenes, motions: MotionSet) -> xarray.Dataset:
 def _scaled_motions(podium: Podium, motions: MotionSet) -> Plane:
     """Return the function (indices of motions, factors) ↦ (podium, motions multiplied by the factors)."""
     batch = as_batch("report", motions.excitations)
-    # The elevation and restrainers without strength do not affect the motion.
+    # The elevation, and restrainers without strength, do not affect the motion of the columns.
     structure = podium.split_rows().without_idle_restrainers().without_elevation()
     return lambda motion, factor: (structure, pick_motions(batch, motion).scaled(factor))
 
 
 def _window_ends(plane: Plane, factors: np.ndarray, options: Options) -> tuple[np.ndarray, np.ndarray]:
     """Return the factors at which the first window of overturning ends, and the factors at which the next
-    window begins, each of shape (motions,); NaN where none was found.
+    window of overturning begins, each of shape (motions,). A factor that was not found is NaN.
 
     - `plane`: result of `_scaled_motions`
-    - `factors`: the least overturning factors, (motions,), inf where no factor overturns
+    - `factors`: the least overturning factors, (motions,); inf for a motion that overturns at no factor
     - `options`: options of the scenes
     """
     overturning = np.flatnonzero(np.isfinite(factors))  # indices of the motions
@@ -175,7 +179,8 @@ def _window_ends(plane: Plane, factors: np.ndarray, options: Options) -> tuple[n
     survives, points = margin > 0, np.arange(WINDOW_FACTORS.size)
     first = np.argmax(survives, axis=1)  # 0 if no point survives
     again = np.argmax(~survives & (points > first[:, None]), axis=1)  # 0 if all later points survive
-    # Both changes of the outcome lie between a point that survives and a neighbour that overturns.
+    # The first change of the outcome is between the points first − 1, which overturns, and first, which
+    # survives. The second is between again − 1, which survives, and again, which overturns.
     for change, (survivor, other) in enumerate(((first, first - 1), (again - 1, again))):
         found = np.flatnonzero((first > 0) & ((again > 0) | (change == 0)))
         if found.size:
@@ -195,8 +200,8 @@ def boundary_options(problem: Problem) -> Options:
 
 
 def least_factor_slopes(scenes: Scenes, event: str, name: str, motion: int) -> SlopesFunction:
-    """Return a function that computes the least factor on a motion, and its derivatives (n + 1,) with respect
-    to the logarithms that `derivatives.py` defines.
+    """Return a function that computes the least factor on a motion, and the derivatives of this factor with
+    respect to the n + 1 logarithms that `derivatives.py` defines.
 
     - `scenes`: the scenes of the problem
     - `event`: "uplift" or "overturning"
@@ -217,10 +222,10 @@ def least_factor_slopes(scenes: Scenes, event: str, name: str, motion: int) -> S
 
 
 def _overturning_slopes(problem: Problem, excitation: AbstractExcitation, factor: float) -> np.ndarray:
-    """Return the derivatives (n + 1,) of the least overturning factor on a motion with respect to the
-    logarithms that `derivatives.py` defines.
+    """Return the derivatives of the least overturning factor on a motion with respect to the n + 1 logarithms
+    that `derivatives.py` defines.
 
-    - `excitation`, `factor`: the motion, and the least factor on it that overturns
+    - `problem`: the problem; `excitation`: the motion; `factor`: least factor on the motion that overturns
     """
     podium = problem.podium.split_rows().without_elevation()
     options = boundary_options(problem)
@@ -230,8 +235,8 @@ def _overturning_slopes(problem: Problem, excitation: AbstractExcitation, factor
 
 
 def _largest_acceleration(excitation: Any) -> float:
-    """Return the largest horizontal acceleration of an excitation [m/s²]; of one without samples, the largest
-    at 1001 times."""
+    """Return the largest absolute horizontal acceleration of an excitation [m/s²]. If the excitation has no
+    samples, it is evaluated at 1001 times."""
     horizontal = getattr(excitation, "horizontal", excitation)
     samples = getattr(horizontal, "acceleration", None)
     if samples is not None:

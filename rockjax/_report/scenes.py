@@ -1,5 +1,5 @@
-"""The scenes of a report. A scene is the structure under one motion. Answers of scenes are computed when
-they are first needed, and stored."""
+"""The scenes of a report: a scene is the structure under one motion. Answers of scenes are computed when they
+are first needed, and then stored."""
 
 from __future__ import annotations
 
@@ -29,10 +29,13 @@ if TYPE_CHECKING:
 
 
 class Needs(NamedTuple):
-    """Needs of the checks of a set of motions: outputs, and objects on floors ((dim, name) → block or
-    oscillator)."""
+    """Outputs and objects that the checks of a set of motions need.
 
-    outputs: dict[str, None] = {}  # an ordered set
+    - `outputs`: names of the outputs, as the keys of a dict
+    - `on_floors`: (dim, name) → block or oscillator on a floor; `dim` is its dimension in datasets
+    """
+
+    outputs: dict[str, None] = {}  # an ordered set of names
     on_floors: dict[tuple[str, str], Any] = {}
 
 
@@ -41,8 +44,8 @@ class Scenes:
 
     - `problem`: the problem; `store`: stores the solved scenes
     - `needed`: set of motions → outputs and objects on floors that the checks of this set need
-    - `progress`: object with `update(number)` and `describe(text)`, or None
-    - `with_spread`: whether the scenes of `variations` are solved too
+    - `progress`: object with the methods `update(number)` and `describe(text)`; None shows nothing
+    - `with_spread`: whether scenes with changed inputs (`variations`) are solved too
     """
 
     def __init__(
@@ -72,10 +75,13 @@ class Scenes:
 
     @functools.cached_property
     def variations(self) -> tuple[str, ...]:
-        """Names of the variations; empty unless `with_spread`. With the key `spread` of the table `[report]`,
-        "width-" multiplies the input `width` by 1 − spread, and "width+" by 1 + spread. "motion-" and
-        "motion+" multiply all motions by these factors. Variations without a valid structure, such as a
-        factor of restitution above 1, are left out."""
+        """Names of the variations, each of which changes one input; empty unless `with_spread`.
+
+        The variation "width-" multiplies the input `width` by 1 − s, and "width+" by 1 + s. The number s is
+        the key `spread` of the table `[report]`. "motion-" and "motion+" multiply all motions by these
+        factors. A variation that gives an invalid structure, such as a factor of restitution above 1, is left
+        out.
+        """
 
         def is_valid(variation: str) -> bool:
             try:
@@ -89,18 +95,19 @@ class Scenes:
 
     @functools.cached_property
     def laws(self) -> tuple[str, ...]:
-        """The laws of impact in `[report]` that differ from the law of the structure."""
+        """The laws of impact in the table `[report]` that differ from the law of the structure."""
         own = fingerprint(self.problem.podium)
         return tuple(law for law in self.problem.report.laws if fingerprint(self.podium(law)) != own)
 
     def factors(self, variation: str) -> dict[str, float]:
-        """Return input → factor of a variation, such as {"width": 1.05} for "width+"; empty for ""."""
+        """Return input → factor of a variation, such as {"width": 1.05} for "width+". For "" (no variation),
+        return {}."""
         spread = self.problem.report.spread
         return {variation[:-1]: 1 + spread if variation[-1] == "+" else 1 - spread} if variation else {}
 
     def _podium(self, law: str | None = None, variation: str = "") -> Podium:
-        """Return the structure with another law of impact (None for no change) and a variation ("" for
-        none)."""
+        """Return the structure with the law of impact `law` (None for no change), changed by `variation` (""
+        for no change)."""
         factors = {name: y for name, y in self.factors(variation).items() if name != "motion"}
         podium = self.problem.varied(factors) if factors else self.problem.podium
         return podium if law is None else podium.replace(restitution=law)
@@ -110,8 +117,8 @@ class Scenes:
         return self.problem.motions[name]
 
     def outputs(self, name: str) -> tuple[str, ...]:
-        """Return the outputs of the scenes of a set: those that the page shows and those that the checks
-        need."""
+        """Return the outputs of the scenes of a set: the outputs that the page shows and the outputs that the
+        checks need."""
         needed = self.needed.get(name, Needs()).outputs
         return tuple(dict.fromkeys((*suitable_outputs(self.problem.podium), *needed)))
 
@@ -150,7 +157,8 @@ class Scenes:
         return f"peaks.{name}{f'.{law}' if law else ''}{_suffix(factor)}", inputs_hash, solve
 
     def start_variants(self, name: str) -> None:
-        """Start to solve a set under other laws of impact and with changed inputs, in other threads."""
+        """Start to solve the scenes of a set with other laws of impact and with changed inputs, in other
+        threads."""
         for law in self.laws:
             self.store.start(*self._stored_peaks(name, law))
         if self.variations:
@@ -158,7 +166,7 @@ class Scenes:
 
     def _stored_variations(self, name: str, factor: float = 1.0) -> Stored:
         """Return the arguments of `Store.get` for the peaks of a set with changed inputs, along `variant` and
-        `motion`. They have no estimated errors."""
+        `motion`. These peaks have no estimated errors."""
         podiums = [_with_given_restitution(self.podium(None, variation)) for variation in self.variations]
         factors = [factor * self.factors(variation).get("motion", 1.0) for variation in self.variations]
         needed = self.needed.get(name, Needs()).outputs
@@ -185,8 +193,8 @@ class Scenes:
     ) -> xarray.Dataset:
         """Add the estimated errors of blocks and oscillators on floors to peaks, and return the peaks.
 
-        The error is the difference from a second solution, and inf where a block overturns in only one of the
-        two solutions.
+        The error is the difference from a second solution. If a block overturns in only one of the two
+        solutions, the error of its rotation is inf.
 
         - `data`: dataset of the peaks, along `motion`
         - `podium`, `excitations`, `options`, `on_floors`: structure, motions, options, and objects on floors
@@ -255,7 +263,8 @@ class Scenes:
     # ---------------------------------------------------------------------------------------------- histories
     def history(self, name: str, motion: int) -> xarray.Dataset:
         """Return the response history under one motion of a set, in the form of
-        [`rockjax.Response.dataset`][]. It has the joint forces if the podium has an elevation.
+        [`rockjax.Response.dataset`][]. The history contains joint forces if the podium has an elevation, such
+        as positions of columns.
 
         - `name`: the set; `motion`: index of the motion in the set
         """
@@ -284,28 +293,29 @@ class Scenes:
 
 
 def _suffix(factor: float) -> str:
-    """Return the ending of names in the store for scenes with a factor on the motions; "" for the factor
-    1."""
+    """Return the end of the name of a dataset in the store whose motions are multiplied by a factor; "" for
+    the factor 1."""
     # The factor is written without a dot, because dots separate the parts of a name (see `Store.get`).
     return "" if factor == 1 else f".times {factor!r}".replace(".", " ")
 
 
 def _with_given_restitution(podium: Podium) -> Podium:
-    """Return a podium with its factor of restitution in place of the law of impact. Podiums with different
-    laws then share a compiled program, and can form a batch."""
+    """Return a podium with its factor of restitution, at least 0, in place of the law of impact. Podiums with
+    different laws then share a compiled program, and can form a batch."""
     return podium.replace(restitution=max(float(podium.restitution_factor), 0.0))
 
 
 def _stacked(podiums: list[Podium]) -> Podium:
-    """Return podiums as a batch of shape (n, 1)."""
+    """Return n podiums as a batch of shape (n, 1)."""
     # `split_rows` turns arrays over modes or stories into tuples of numbers, which can be stacked.
     split = [_with_mode_damping(podium.split_rows()) for podium in podiums]
     return jax.tree.map(lambda *y: np.stack([np.asarray(v, float) for v in y])[:, None], *split)
 
 
 def _with_mode_damping(podium: Podium) -> Podium:
-    """Return a podium from `Podium.split_rows` with a damping ratio for each mode, as a tuple, in place of a
-    single ratio. A batch of single ratios would be read as the ratios of the modes."""
+    """Return a podium from `Podium.split_rows` with a tuple of damping ratios, one for each mode, in place of
+    a single ratio. Without the tuple, a batch of n podiums would have n single ratios, which would be taken
+    for the ratios of n modes."""
     top = podium.superstructure
     for name in ("damping", "zeta"):
         value = getattr(top, name, None)

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
 
 def fingerprint(*values: Any) -> str:
-    """Return a hash of pytrees and of the versions of the libraries. Leaves that are not numbers are hashed
-    by their `repr`."""
+    """Return a hash of pytrees and of the versions of the libraries. A leaf that is neither a number nor an
+    array is hashed by its `repr`."""
     entries: list[str] = [json.dumps(describe_versions(), sort_keys=True)]
     for value in values:
         leaves, treedef = jax.tree.flatten(value)
@@ -47,13 +47,13 @@ MIN_WRITE_INTERVAL = 30.0  # least time between two writes of an unfinished stor
 
 
 class Store:
-    """Datasets by name, each with the fingerprint of its inputs.
+    """Datasets by name, each with the fingerprint (hash) of its inputs.
 
-    A long computation can be started in another thread (`start`), so that other datasets can be computed in
-    the meantime.
+    `get` computes a dataset, or returns it if it is stored. `start` computes it in another thread, while this
+    thread computes other datasets.
 
-    - `path`: file NAME.nc of the datasets. Datasets in this file, and in NAME.partial.nc of an unfinished
-      report, are read. None keeps all datasets in memory
+    - `path`: file NAME.nc of the datasets; None keeps all datasets in memory. Datasets of an earlier report
+      are read from NAME.nc, and from the file NAME.partial.nc of an unfinished report
     """
 
     def __init__(self, path: Path | None = None):
@@ -66,7 +66,7 @@ class Store:
 
     def _load(self, path: Path) -> None:
         """Read the datasets of an earlier report from a file. A file that is missing or damaged is ignored.
-        Raises `ValueError` for the results of another command, because the report would replace them."""
+        Raises `ValueError` if the file has the results of another command, which the report would replace."""
         if not path.exists():
             return
         import xarray
@@ -79,7 +79,7 @@ class Store:
             for data in groups.values():
                 if "fingerprint" in data.attrs:
                     loaded[data.attrs["name"]] = data.load()
-            for data in groups.values():  # after the last is read, because all share the open file
+            for data in groups.values():  # after all have been read, because all groups share the open file
                 data.close()
         except (OSError, ValueError, KeyError):
             return
@@ -91,9 +91,9 @@ class Store:
         self.data |= loaded
 
     def get(self, name: str, inputs_hash: str, compute: Callable[[], xarray.Dataset]) -> xarray.Dataset:
-        """Return a dataset; compute it unless it is stored with the same fingerprint.
+        """Return a dataset. Compute it, unless a dataset with the same name and fingerprint is stored.
 
-        - `name`: name of the dataset, with "." between its parts
+        - `name`: name of the dataset, whose parts are separated by ".", such as "peaks.design"
         - `inputs_hash`: fingerprint of the inputs of the dataset
         - `compute`: function that computes the dataset
         """
@@ -112,7 +112,8 @@ class Store:
         self.computed += 1
 
     def start(self, name: str, inputs_hash: str, compute: Callable[[], xarray.Dataset]) -> bool:
-        """Start to compute a dataset in another thread, unless it is stored. `get` waits for the result.
+        """Start to compute a dataset in another thread, unless it is stored. A later call of `get` waits for
+        it.
 
         The arguments are those of `get`. `compute` should call `raise_if_stopped` from time to time. Returns
         False if the dataset is stored, otherwise True.
@@ -124,7 +125,7 @@ class Store:
         return True
 
     def raise_if_stopped(self) -> None:
-        """Raise `Interrupted` if an exception, such as Ctrl-C, has ended the report."""
+        """Raise `Interrupted` if an exception, such as that of Ctrl-C, has ended the report."""
         if self._stop.is_set():
             raise Interrupted("stopped", None)
 
@@ -133,11 +134,11 @@ class Store:
         return stored is not None and stored.attrs["fingerprint"] == inputs_hash
 
     def text(self, name: str, inputs_hash: str, compute: Callable[[], str]) -> str:
-        """Return a text from the store, or compute and store it. The arguments are those of `get`."""
+        """Do the same as `get` for a text."""
         return str(self.get(name, inputs_hash, lambda: _dataset_of_text(compute()))["text"].values)
 
     def start_text(self, name: str, inputs_hash: str, compute: Callable[[], str]) -> bool:
-        """Do the same as `start` for a text, which `text` returns."""
+        """Do the same as `start` for a text, which a later call of `text` returns."""
         return self.start(name, inputs_hash, lambda: _dataset_of_text(compute()))
 
     @contextlib.contextmanager
@@ -152,8 +153,9 @@ class Store:
             raise
 
     def save_unfinished(self) -> None:
-        """Write the datasets, also those of other threads, to NAME.partial.nc, from which a later run
-        continues the report. Do nothing without a path, or if no dataset was computed."""
+        """Write all datasets, including finished ones of other threads, to NAME.partial.nc. A later run
+        continues the report from this file. Write nothing if the store has no path, or if no dataset was
+        computed."""
         for name, (inputs_hash, future) in list(self._started.items()):
             if future.done() and future.exception() is None:
                 del self._started[name]
@@ -163,8 +165,8 @@ class Store:
         self.last_write = time.monotonic()
 
     def save(self) -> Path | None:
-        """Write all datasets to the file `path`, unless it has them already, and remove NAME.partial.nc.
-        Return the path; None if the store has no path."""
+        """Write all datasets to the file `path`, unless the file has them already, and remove
+        NAME.partial.nc. Return the path. If the store has no path, do nothing and return None."""
         if self.path is None:
             return None
         if self.computed or _partial(self.path).exists() or not self.path.exists():
@@ -177,8 +179,8 @@ class Store:
 
         from rockjax._files import CONVENTIONS, write_atomically
 
-        # A DataTree opens the file once; `_files.write_dataset` would open it again for every group. Names of
-        # groups must be short, and a "/" would make one group a part of another.
+        # A DataTree opens the file once, while `_files.write_dataset` would open it again for every group.
+        # Names that are too long for a group, or have characters such as "/", are replaced by their hash.
         names = {name: name if _GROUP_NAME.fullmatch(name) else fingerprint(name) for name in self.data}
         groups = {names[name]: data for name, data in self.data.items()}
         wait_for_imports()
@@ -188,7 +190,7 @@ class Store:
 
 
 def _dataset_of_text(text: str) -> xarray.Dataset:
-    """Return a dataset with a text."""
+    """Return a dataset whose variable `text` is a text."""
     import xarray
 
     return xarray.Dataset({"text": ((), text)})

@@ -1,6 +1,6 @@
 """Tables of a report: cells, columns, and the formatting of numbers.
 
-Values are in SI. All formats (HTML, JSON, CSV, XLSX) read the same `Table`.
+Values in tables are in SI. All formats (HTML, JSON, CSV, XLSX) read the same `Table`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from rockjax._problem.models.fields import NO_VALUE
 from . import formulas
 from .units import KINDS, NO_UNIT, Units
 
-# Colour of a text; "unverified" stands for results and inputs that are missing or not verified.
+# Colour of a text. "unverified" is the colour of results and inputs that are missing or not verified.
 Tone: TypeAlias = Literal["plain", "good", "bad", "unverified"]
 # State of a `TextCell` → its tone.
 STATES: dict[str, Tone] = {
@@ -77,7 +77,7 @@ class Quantity:
 class TextCell:
     """A text in a cell: a name, or a text that replaces a number.
 
-    - `text`: shown text; not empty, not a bare dash, and not the name of a missing number such as "nan"
+    - `text`: shown text; not blank, not only a dash, and not the name of a missing number such as "nan"
     - `state`: meaning of the text for programs, one of `STATES`
     - `note`: a second line in the cell
 
@@ -102,7 +102,8 @@ class TextCell:
 
 @dataclasses.dataclass(frozen=True)
 class Series:
-    """Numbers of one kind in a cell, such as the masses of all stories: shown as "7 × 260, 220".
+    """Numbers of one kind in a cell, such as the masses of all stories. Eight numbers may be shown as "7 ×
+    260, 220".
 
     - `values`: finite numbers [SI], at least one
     - `kind`: what the numbers measure, one of `units.KINDS`
@@ -136,7 +137,7 @@ class Formula:
 
 @dataclasses.dataclass(frozen=True)
 class Strong:
-    """A part of a text that stands out. `tone` is its colour."""
+    """A part of a text in bold. `tone` is its colour."""
 
     text: str
     tone: Tone = "plain"
@@ -151,11 +152,11 @@ class Code:
 
 @dataclasses.dataclass(frozen=True)
 class Link:
-    """A part of a text that leads to an anchor of the page.
+    """A part of a text that is a link to an anchor of the page.
 
     - `text`: the shown text
-    - `target`: the anchor: "s4" of section 4, `blocks.check_anchor("C1")` of a check, or the id of a row of a
-      table, such as "A7"
+    - `target`: the anchor: "s4" for section 4, `blocks.check_anchor("C1")` for check C1, or the id of a row
+      of a table, such as "A7"
     """
 
     text: str
@@ -164,7 +165,7 @@ class Link:
 
 @dataclasses.dataclass(frozen=True)
 class Bare:
-    """A quantity that a text shows without its unit, such as in an equation."""
+    """A quantity that a text shows without its unit, for example in an equation."""
 
     quantity: Quantity
 
@@ -180,8 +181,8 @@ class Column:
     """A column of a table.
 
     - `heading`: heading without a unit
-    - `kind`: what the numbers measure; their unit is added to the heading. None for a column of texts, and
-      for one with numbers of several kinds; such a number is shown with its unit
+    - `kind`: what the numbers measure, one of `units.KINDS`. Their unit is added to the heading. None for a
+      column of texts or of numbers of several kinds, in which each number is shown with its unit
     - `note`: a second line below the heading
     """
 
@@ -200,17 +201,17 @@ class Column:
 class Table:
     """A table of a report.
 
-    - `name`: name of the file, sheet and JSON entry, unique in a report: lower-case letters, digits and "-",
-      of which the first is a letter
+    - `name`: name of the file, sheet and JSON entry, unique in a report. It has lower-case letters, digits
+      and "-", and starts with a letter
     - `caption`: title above the table
     - `columns`: the columns; the cells of the first column are the headings of the rows
-    - `rows`: at least one row, each with a cell for every column; a text becomes a `TextCell`
+    - `rows`: at least one row, each with one cell for every column. A text becomes a `TextCell`
     - `governing`: indices of highlighted rows
-    - `ids`: an anchor for every row, such as "A7": letters, digits, "-" and ".", of which the first is a
-      letter; empty for no anchors
+    - `ids`: an anchor for every row, such as "A7"; empty for no anchors. An anchor has letters, digits, "-"
+      and ".", and starts with a letter
 
-    Raises `ValueError` for a table without rows, a row with more or fewer cells than columns, a quantity of
-    another kind than its column, and other invalid fields.
+    Raises `ValueError` for a table without rows or columns, a row with more or fewer cells than columns, a
+    quantity whose kind is not that of its column, and other invalid fields.
     """
 
     name: str
@@ -266,11 +267,13 @@ class Table:
         rows: Iterable[Sequence[Any]],
         **options: Any,
     ) -> Table:
-        """Return a table from headings with kinds and rows of cells.
+        """Return a table. The arguments give each column a heading and a kind, and the rows may contain plain
+        numbers.
 
         - `name`, `caption`: fields of the table; `options`: its other fields, such as `ids`
         - `columns`: heading → kind of the numbers, or None; see `Column`
-        - `rows`: cells; a plain number becomes a `Quantity` of the column's kind, a text becomes a `TextCell`
+        - `rows`: rows of cells. A plain number becomes a `Quantity` of the kind of its column, and a text
+          becomes a `TextCell`
 
         Raises `ValueError` as the constructor does, and for a number in a column without a kind.
         """
@@ -290,9 +293,10 @@ class Table:
 def format_number(quantity: Quantity, units: Units) -> str:
     """Return the digits of a quantity in the units of a page, without unit and error.
 
-    Numbers have at most four significant digits, and none after the first digit of the error. Inputs have up
-    to six significant digits, without trailing zeros. Counts have no decimals. Utilisations have two
-    decimals, or as many more as distinguish them from 1; from 1000 on they have four significant digits.
+    Numbers have at most four significant digits, and no digits after the first significant digit of the
+    error. Inputs have up to six significant digits, without trailing zeros. Counts have no decimals.
+    Utilisations have two decimals, or more if a utilisation other than 1 would be rounded to 1. Utilisations
+    of 1000 or more have four significant digits.
     """
     value = units.show(quantity.value, quantity.kind)
     digits = KINDS[quantity.kind].digits
@@ -307,7 +311,7 @@ def format_number(quantity: Quantity, units: Units) -> str:
 
 
 def format_error(quantity: Quantity, units: Units) -> str:
-    """Return the error of a quantity with one digit, without unit; "" if the error is None."""
+    """Return the error of a quantity with one significant digit, without unit; "" if the error is None."""
     if quantity.error is None:
         return ""
     return _signed(_significant(units.show(quantity.error, quantity.kind), 1))
@@ -342,7 +346,7 @@ def column_heading(column: Column, units: Units) -> str:
 
 
 def plain(text: Text, units: Units) -> str:
-    """Return a text without markup, its quantities in the units of a page."""
+    """Return a text without markup, with its quantities in the units of a page."""
     if isinstance(text, str):
         return text
     return "".join(plain_part(part, units) for part in text)
@@ -370,7 +374,8 @@ def plain_cell(cell: Cell, units: Units, *, shows_unit: bool = True) -> str:
 
 
 def _significant(value: float, digits: int, error: float | None = None) -> str:
-    """Return a number with at most `digits` significant digits, up to the first digit of `error`."""
+    """Return a number with at most `digits` significant digits, and no digits after the first one of
+    `error`."""
     exponent = _exponent(value, digits)
     decimals = digits - 1 - exponent if value else 0
     if error:
@@ -382,15 +387,17 @@ def _significant(value: float, digits: int, error: float | None = None) -> str:
 
 
 def _exponent(value: float, digits: int) -> int:
-    """Return the power of ten of a number rounded to significant digits; 0 for zero."""
+    """Return the exponent of ten of a number that is rounded to `digits` significant digits; 0 for the number
+    0."""
     return int(f"{value:.{digits - 1}e}".partition("e")[2]) if value else 0
 
 
 def _scientific(value: float, decimal: str, decimals: int | None = None) -> str:
     """Return `decimal`, or the form "1.609·10⁻⁴" for a number below 10⁻³ or from 10⁶ on.
 
-    - `value`: the number; `decimal`: its decimal form
-    - `decimals`: decimals before the power of ten; None for five decimals without trailing zeros
+    - `value`: the number; `decimal`: the number in decimal form
+    - `decimals`: decimals of the factor before the power of ten; None for five decimals without trailing
+      zeros
     """
     if value == 0 or 1e-3 <= abs(value) < 1e6:
         return decimal
@@ -401,8 +408,8 @@ def _scientific(value: float, decimal: str, decimals: int | None = None) -> str:
 
 
 def _utilisation(value: float) -> str:
-    """Return a utilisation with two decimals, or as many more as distinguish it from 1; from 1000 on with
-    four significant digits."""
+    """Return a utilisation with two decimals, or with more if another number than 1 would be rounded to 1.
+    From 1000 on, return four significant digits."""
     if abs(value) >= 1e3:
         return _significant(value, 4)
     decimals = 2
@@ -412,8 +419,8 @@ def _utilisation(value: float) -> str:
 
 
 def _signed(digits: str) -> str:
-    """Return digits with "−" as the sign of negative numbers (none for zero), and with groups of thousands if
-    there are five or more digits before the decimal point."""
+    """Return digits with "−" as the sign of negative numbers and no sign for zero. Five or more digits before
+    the decimal point are divided into groups of three."""
     negative, digits = digits.startswith("-"), digits.removeprefix("-")
     integer, point, decimals = digits.partition(".")
     if integer.isdecimal() and len(integer) > 4:
@@ -442,7 +449,7 @@ def checked_text(text: Any, owner: str, *, may_be_empty: bool = False) -> Text:
     - `owner`: name of the text, for messages
     - `may_be_empty`: whether "" and () are valid
 
-    Raises `ValueError` for a text with invalid parts, and for a text that is blank, a dash or the name of a
+    Raises `ValueError` for a text with invalid parts, for a blank text, for a dash, and for the name of a
     missing number, such as "nan".
     """
     if isinstance(text, str):

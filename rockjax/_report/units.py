@@ -1,6 +1,6 @@
-"""Units in which reports show numbers. Values are in SI everywhere else.
+"""Units in which reports show numbers. All other values are in SI.
 
-A kind is what a number measures, such as "force". `KINDS` has the units of each kind.
+A kind is what a number measures, such as "force". `KINDS` lists the units of each kind.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ NO_UNIT = "–"  # the unit of pure numbers
 class Kind(NamedTuple):
     """A kind of quantity, with its units."""
 
-    units: dict[str, float]  # name → size in SI; the first is the SI unit
-    usual: str  # unit on pages unless another one is chosen
+    units: dict[str, float]  # name of a unit → its size in SI; the first is the SI unit
+    usual: str  # unit on pages, unless the user chooses another one
     article: str = "a"  # article before the name of the kind, for messages
     digits: int | None = 4  # significant digits on a page; None for whole numbers
 
 
 _LENGTHS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
-# The size of "g" in this table is not used: `size_of` returns the gravity that its caller passes.
+# The size of "g" in this table is not used. `size_of` returns its argument `g` instead.
 KINDS = {
     "force": Kind({"N": 1.0, "kN": 1e3, "MN": 1e6}, "kN"),
     "length": Kind(_LENGTHS, "m"),
@@ -51,7 +51,7 @@ KINDS = {
     "count": Kind({NO_UNIT: 1.0}, NO_UNIT, digits=None),
     "utilisation": Kind({NO_UNIT: 1.0}, NO_UNIT),
 }
-# Unit of an output or dataset → kind.
+# Unit of an output of scenes, or of a variable in a dataset → kind.
 _KIND_OF_UNIT = {
     "1": "number",
     "m": "displacement",
@@ -87,14 +87,15 @@ _CHOOSABLE = sorted({unit for kind in KINDS.values() if len(kind.units) > 1 for 
 class Units:
     """The unit of every kind on a page.
 
-    - `names`: units, at most one for each kind; other kinds keep their usual unit. Lengths have two kinds:
-      dimensions ("length"), and drifts and other movements ("displacement"). A single unit of length applies
-      to both; of two, the larger applies to dimensions and the smaller to displacements, in any order. For
-      example, ("kN", "m", "deg", "g", "mm") shows a column 3 m high and its top displaced by 325 mm.
+    - `names`: names of units, at most one for each kind. Other kinds keep their usual unit. There are two
+      kinds of lengths: dimensions ("length"), and drifts and other movements ("displacement"). A single unit
+      of length applies to both kinds. Of two units, the larger applies to dimensions and the smaller to
+      displacements, whatever their order. With ("kN", "m", "deg", "g", "mm"), for example, a column is 3 m
+      high and its top is displaced by 325 mm
     - `g`: gravity [m/s²], the size of the unit "g"
 
     Raises `ValueError` for an unknown unit, for two units of one kind, for more than two units of length or
-    the same one twice, and for a gravity that is not positive and finite.
+    two equal ones, and for a gravity that is not positive and finite.
     """
 
     names: tuple[str, ...] = ()
@@ -133,7 +134,7 @@ class Units:
 
     @classmethod
     def si(cls, g: float = STANDARD_GRAVITY) -> Units:
-        """Return SI units for all kinds, as in JSON files."""
+        """Return the units with the SI unit for every kind, as in JSON files."""
         firsts = {kind: next(iter(entry.units)) for kind, entry in KINDS.items() if len(entry.units) > 1}
         return cls(tuple(unit for kind, unit in firsts.items() if kind != "displacement"), g)
 
@@ -162,7 +163,8 @@ def in_unit(value: float, unit: str, kind: str, g: float = STANDARD_GRAVITY) -> 
     - `g`: gravity [m/s²], the size of the unit "g"
     """
     size = size_of(unit, kind, g)
-    # 0.001 is not exact in binary: multiplying by 1000 rounds once, dividing by 0.001 twice.
+    # 0.01 and 0.001 are not exact in binary, so a division by them has two rounding errors. The
+    # multiplication by 100 or 1000 has one.
     return value * round(1 / size) if size in (1e-2, 1e-3) else value / size
 
 
@@ -172,8 +174,8 @@ def size_of(unit: str, kind: str, g: float = STANDARD_GRAVITY) -> float:
 
 
 def kind_of_unit(unit: str) -> str:
-    """Return the kind that belongs to a unit of outputs and datasets. "m" gives "displacement", and an
-    unknown unit gives "number"."""
+    """Return the kind of a number from its unit in outputs and datasets: "displacement" for "m", and "number"
+    for an unknown unit."""
     return _KIND_OF_UNIT.get(unit, "number")
 
 
@@ -188,7 +190,7 @@ def to_si(
     """Convert a value from a unit to SI.
 
     - `value`: the number, in `unit`
-    - `unit`: unit of the value, as written by a user
+    - `unit`: unit of the value, as the user has written it
     - `kind`: what the value measures, one of `KINDS`
     - `g`: gravity [m/s²]
     - `owner`: key of the unit, for messages, such as "checks[5].unit"
@@ -200,7 +202,7 @@ def to_si(
 
 
 def unit_of_kind(unit: str, kind: str, *, owner: str = "unit", subject: str = "") -> str:
-    """Return the name in `KINDS` of a unit that a user has written.
+    """Return the name in `KINDS` of a unit of the kind `kind` that the user has written.
 
     - `unit`, `kind`, `owner`, `subject`: as for `to_si`
 
@@ -216,8 +218,8 @@ def unit_of_kind(unit: str, kind: str, *, owner: str = "unit", subject: str = ""
 
 
 def _alias(text: str) -> str:
-    """Return the name in `KINDS` for a spelling of a unit. An unknown spelling is returned without spaces, ·,
-    * and ^."""
+    """Return the name in `KINDS` for a spelling of a unit. If the spelling is unknown, return it without
+    spaces, ·, * and ^."""
     plain = re.sub(r"[\s·*^]", "", text)
     return _ALIASES.get(plain, plain)
 

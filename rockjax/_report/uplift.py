@@ -23,10 +23,10 @@ from rockjax._types import Values
 class UpliftRatio(AbstractOutput):
     """Largest uplift demand over time, divided by its threshold [–].
 
-    The ratio is max(±q/q_up − r), with the demand q of Eq. (9), its threshold q_up, and the relative change r
-    of the threshold by vertical motion: columns lift at |q| = q_up (1 + r). As long as the columns do not
-    lift, q and r are proportional to the motion, so 1/ratio is the least factor on the motion that lifts the
-    columns.
+    The ratio is the maximum of ±q/q_up − r over both signs and over time. Here q is the uplift demand of Eq.
+    (9) in docs/model.md and q_up its threshold. Vertical motion changes the threshold by the fraction r, so
+    columns lift at |q| = q_up (1 + r). As long as the columns do not lift, q and r are proportional to the
+    motion. The least factor on the motion that lifts the columns is therefore 1/ratio.
     """
 
     name = "uplift_ratio"
@@ -45,7 +45,7 @@ class UpliftRatio(AbstractOutput):
         return jnp.zeros(2, start.t.dtype), None
 
     def over_step(self, step: Step, accumulator: Values) -> Maximum:
-        # `course` approximates the quantity over the step by a cubic.
+        # `course` interpolates the quantity over the step by a cubic.
         return step.largest(step.course(self.quantity), accumulator, END_ZONE_ACCELERATIONS, sizes="signed")
 
     def answer(self, ended: Ended, accumulator: Any, note: Any) -> dict[str, Any]:

@@ -1,1 +1,1 @@
-"""Text for users: tables, text files, and representations of objects."""
+"""Text: reading of text files, small tables, and representations of objects."""

@@ -9,7 +9,8 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-# UTF-32 precedes UTF-16, because the little-endian byte order mark of UTF-32 begins with that of UTF-16.
+# Byte order marks → encodings. UTF-32 precedes UTF-16, because the little-endian mark of UTF-32 begins with
+# that of UTF-16.
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
     (codecs.BOM_UTF32_LE, "utf-32"),
@@ -21,7 +22,8 @@ _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")
 
 
 def read_text(path: str | Path, *, utf8_only: bool = False) -> str:
-    """Return the text of a file, decoded by `decode`. Raises `ValueError`, which names file and cause."""
+    """Return the text of a file, decoded by `decode`. Raises `ValueError`, with the file and the cause, if
+    the file cannot be read or is not text."""
     try:
         content = Path(path).read_bytes()
     except OSError as error:
@@ -35,11 +37,11 @@ def decode(path: str | Path, content: bytes, *, utf8_only: bool = False) -> str:
     """Return the text in the bytes of a file.
 
     - `path`: path of the file, for error messages
-    - `content`: bytes in UTF-8, or in UTF-16 or UTF-32 with a byte order mark; other bytes are read as
-      Windows-1252, which occurs in names of stations
+    - `content`: bytes in UTF-8, or in UTF-16 or UTF-32 with a byte order mark. Other bytes are read as
+      Windows-1252, in which some records have the names of stations
     - `utf8_only`: whether to reject content in Windows-1252
 
-    Raises `ValueError`, which names the file, the line and the cause, if the content is not text.
+    Raises `ValueError`, with the file, the line and the cause, if the content is not text.
     """
     if content.rstrip().endswith(b"\x1a"):
         content = content.rstrip(b"\x1a \t\r\n")  # CP/M and DOS mark the end of a file by 0x1a
@@ -65,8 +67,9 @@ def decode(path: str | Path, content: bytes, *, utf8_only: bool = False) -> str:
 
 
 def csv_rows(path: str | Path, text: str) -> Iterator[tuple[int, list[str]]]:
-    """Yield the line number and the cells of each row that is not empty, without blanks around cells and
-    without empty cells at the end. Raises `ValueError`, which names the file, for text that is not CSV."""
+    """Yield the line number and the cells of each row of a CSV table. Empty rows, blanks around cells, and
+    empty cells at the end of a row are left out. Raises `ValueError`, with the path, for text that is not
+    CSV."""
     reader = csv.reader(io.StringIO(text, newline=""))
     try:
         for row in reader:
@@ -80,9 +83,12 @@ def csv_rows(path: str | Path, text: str) -> Iterator[tuple[int, list[str]]]:
 
 
 def csv_table(path: str | Path, text: str) -> tuple[list[str], Iterator[tuple[str, dict[str, str]]]]:
-    """Return the headings in the first row of a CSV table and an iterator over the other rows. Of each row it
-    yields the location (path and line) and the cells that are not empty, by heading. Raises `ValueError` for
-    equal headings and, in the iterator, for more cells than headings."""
+    """Return the headings in the first row of a CSV table, and an iterator over the other rows.
+
+    For each row, the iterator yields the location (path and line), and a dict heading → cell of the cells
+    that are not empty. Raises `ValueError` for equal headings. The iterator raises `ValueError` for a row
+    with more cells than headings.
+    """
     rows = csv_rows(path, text)
     first_line, names = next(rows, (1, []))
     if len(set(names)) != len(names):

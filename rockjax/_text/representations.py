@@ -17,7 +17,8 @@ from . import tables
 
 
 def format_call(module: eqx.Module) -> str:
-    """Return a structure or motion as the call that constructs it, with the shape and the range of arrays."""
+    """Return a structure or motion as the call that constructs it. Arrays are shown by their shape, minimum
+    and maximum."""
     arguments = ", ".join(f"{name}={_format_value(value)}" for name, value in _fields(module))
     return f"{type(module).__name__}({arguments})"
 
@@ -26,7 +27,7 @@ def format_html(module: eqx.Module, meanings: Mapping[str, str] | None = None) -
     """Return a structure, motion or options as an HTML table of names, values and meanings with units.
 
     `meanings`: name → meaning, for properties, and for fields that are not in the registry of parameters. The
-    properties are listed after the fields.
+    table lists the properties after the fields.
     """
     other_meanings, rows = dict(meanings or {}), []
     for name, value, meaning in _rows(module):
@@ -38,7 +39,8 @@ def format_html(module: eqx.Module, meanings: Mapping[str, str] | None = None) -
 
 
 def _fields(module: eqx.Module, *, empty: bool = False) -> list[tuple[str, Any]]:
-    """Return names and values of public fields, without empty tuples unless `empty` is True."""
+    """Return names and values of public fields. Fields with an empty tuple are left out unless `empty` is
+    True."""
     fields = [
         (field.name, getattr(module, field.name))
         for field in dataclasses.fields(module)
@@ -48,7 +50,8 @@ def _fields(module: eqx.Module, *, empty: bool = False) -> list[tuple[str, Any]]
 
 
 def _rows(module: eqx.Module, prefix: str = "") -> Iterator[tuple[str, str, str]]:
-    """Yield name, value and meaning of every field."""
+    """Yield name, value and meaning of every public field, and of the fields of its parts. `prefix`: text
+    before the names."""
     for name, value in _fields(module, empty=True):
         meaning = _meaning(module, name)
         if isinstance(value, tuple) and not value:
@@ -69,7 +72,7 @@ def _rows(module: eqx.Module, prefix: str = "") -> Iterator[tuple[str, str, str]
 
 
 def _meaning(module: eqx.Module, name: str) -> str:
-    """Return the heading of a field in the registry of parameters; empty if the field is not a parameter."""
+    """Return the heading of a field in the registry of parameters; "" if the field is not a parameter."""
     parts = "superstructure", f"restrainers.{type(module).__name__}", "elevation"
     paths = (name, *(f"{part}.{name}" for part in parts))
     entries = (
@@ -84,7 +87,7 @@ def _meaning(module: eqx.Module, name: str) -> str:
 
 
 def _format_value(value: Any) -> str:
-    """Return a value as text: numbers with 6 digits, arrays as their shape and range."""
+    """Return a value as text: a number with six digits, an array as its shape, minimum and maximum."""
     if isinstance(value, float):
         return f"{value:.6g}"
     if not isinstance(value, jax.Array | np.ndarray):

@@ -10,8 +10,8 @@ Rows = Sequence[Sequence[str]]
 
 
 def align_rows(rows: Rows, numbers: bool = False) -> list[str]:
-    """Return rows as lines with columns aligned left; with `numbers`, all columns but the first are aligned
-    right."""
+    """Return rows as lines of text, with columns aligned left. If `numbers`, all columns but the first are
+    aligned right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [
         "  ".join(
@@ -23,7 +23,8 @@ def align_rows(rows: Rows, numbers: bool = False) -> list[str]:
 
 
 def html(rows: Rows, caption: str = "", headings: Literal["row", "column", "none"] = "none") -> str:
-    """Return an HTML table of escaped text, with headings in the first row, the first column, or nowhere.
+    """Return an HTML table of escaped text. `headings` states whether the first row, the first column or no
+    cell is a heading.
 
     If a row has two cells and the second is empty, the first cell spans both columns.
     """

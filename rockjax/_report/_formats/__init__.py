@@ -1,4 +1,5 @@
-"""Formats of a report. A new format is a module with a function `encode`, and a line in `FORMATS`."""
+"""File formats of a report. To add a format, write a module with a function `encode` and add it to
+`FORMATS`."""
 
 from __future__ import annotations
 
@@ -9,7 +10,8 @@ from rockjax._report.units import Units
 
 from . import csv, html, json, xlsx
 
-# Name of a format → function (page, units of the page) ↦ {name of a file: content}. Formats compute nothing.
+# Name of a format → function (page, units of the page) ↦ {name of a file: content}. These functions only
+# convert numbers of the page and compute no new ones.
 FORMATS: dict[str, Callable[[Page, Units], dict[str, bytes]]] = {
     "html": html.encode,
     "json": json.encode,

@@ -1,4 +1,4 @@
-"""CSV: a file for each table, in UTF-8 with the byte order mark that spreadsheets expect."""
+"""CSV files, one for each table, in UTF-8 with the byte order mark that spreadsheets expect."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 def encode(page: Page, units: Units) -> dict[str, bytes]:
     """Return the tables of a page as CSV files, named after the tables.
 
-    Numbers are in the chosen units and not rounded. An apostrophe is put before texts that a spreadsheet
-    would take for a formula.
+    Numbers are in the units of the page and not rounded. A text that a spreadsheet would take for a formula
+    gets an apostrophe in front.
     """
     return {f"{table.name}.csv": _content(table, units) for table in page.tables()}
 

@@ -18,7 +18,7 @@ from rockjax._report.tables import (
 )
 from rockjax._report.units import NO_UNIT, Units
 
-NONE = "none"  # text in a column of errors or notes, for a cell without an error or a note
+NONE = "none"  # text in columns of errors and notes for a cell that has no error or no note
 
 
 class Number(NamedTuple):
@@ -33,14 +33,14 @@ class Number(NamedTuple):
 
 
 class Grid(NamedTuple):
-    """Headings and rows of a table, with additional columns for its errors, units and notes."""
+    """Headings and rows of a table. Errors, units and notes have their own columns."""
 
     headings: list[str]
     rows: list[list[Number | str]]
 
 
 def grid(table: Table, units: Units) -> Grid:
-    """Return a table as rows of texts and numbers. Numbers are in the chosen units and not rounded."""
+    """Return a table as rows of texts and numbers. Numbers are in the units of the page and not rounded."""
     headings: list[str] = []
     rows: list[list[Number | str]] = [[] for _ in table.rows]
     for k, column in enumerate(table.columns):

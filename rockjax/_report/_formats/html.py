@@ -1,4 +1,4 @@
-"""HTML: the page as one file."""
+"""HTML file with the whole page."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""JSON: the texts and numbers of the page, in SI. Pictures are reduced to their titles, descriptions and
-captions.
+"""JSON file with the texts and numbers of the page. Numbers are in SI and not rounded.
 
-Numbers are not rounded. Sections, and blocks within them, have the order of the page.
+Of a picture, the file has the title, the description and the caption. Sections, and the blocks of a section,
+have the order of the page.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from rockjax._report.tables import (
 )
 from rockjax._report.units import Units, si_unit
 
-SCHEMA = "rockjax-report/1"  # incremented by changes that break programs which read the file
+SCHEMA = "rockjax-report/1"  # increment if a change breaks programs that read the file
 
 
 def encode(page: Page, units: Units) -> dict[str, bytes]:
@@ -55,10 +55,11 @@ def document(page: Page, g: float) -> dict[str, Any]:
     - `g`: gravity [m/s²]
 
     The keys are `schema`, `title`, `subject`, `head`, `origin`, `verdict`, `is_verified`, `notices`, `checks`
-    (an entry for each row of the summary), `tables` (by name) and `sections`. The key `is_target` of a check
-    states whether it is a design target. A cell with a number is {"value", "unit"} and, if known, "error";
-    with several numbers {"values", "unit"}; with a text {"text", "state"}; and with a formula {"latex"}. The
-    second line of a cell is its "note". A text with numbers is a list of strings and of cells with a number.
+    (one for each row of the summary), `tables` (by name) and `sections`. The key `is_target` of a check
+    states whether it is a design target. A cell is a dict whose keys depend on its content: "value", "unit"
+    and, if known, "error" for a number; "values" and "unit" for several numbers; "text" and "state" for a
+    text; "latex" for a formula. The key "note" is the second line of the cell. A text that contains numbers
+    is a list of strings and of cells with one number.
     """
     converter = _Converter(Units.si(g))
     summaries = [block for block in page.blocks() if isinstance(block, Summary)]
@@ -91,7 +92,8 @@ class _Converter:
         self.units = units
 
     def text(self, content: Text) -> Any:
-        """Return a string, or for a text with quantities a list of strings and numbers."""
+        """Return a text as a string. If it contains quantities, return a list of strings and of cells with a
+        number."""
         if isinstance(content, str) or not any(isinstance(part, Quantity | Bare) for part in content):
             return plain(content, self.units)
         return [self._part(part) for part in content]

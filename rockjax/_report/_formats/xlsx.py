@@ -1,4 +1,4 @@
-"""XLSX: a workbook with a sheet for each table. Texts are never read as numbers or formulas."""
+"""XLSX workbook with a sheet for each table. Texts are never converted to numbers or formulas."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from .grid import Number, grid
 
 _CREATED = datetime.datetime(2000, 1, 1)  # fixed, so that the same tables give the same bytes
 _WIDTH_RANGE = (8, 60)  # least and largest width of a column, in characters
-_MAX_CELL_LENGTH = 32_767  # characters in a cell of a spreadsheet
-_MAX_NAME_LENGTH = 31  # characters in the name of a sheet
+_MAX_CELL_LENGTH = 32_767  # largest number of characters in a cell
+_MAX_NAME_LENGTH = 31  # largest number of characters in the name of a sheet
 
 
 def require_library() -> Any:
@@ -33,8 +33,8 @@ def require_library() -> Any:
 def encode(page: Page, units: Units) -> dict[str, bytes]:
     """Return the tables of a page as a workbook.
 
-    Numbers are in the chosen units, not rounded, and shown with as many digits as on the page. Raises
-    `ValueError` if XlsxWriter is missing.
+    Numbers are in the units of the page and not rounded. Their number format shows as many digits as the
+    page. Raises `ValueError` if XlsxWriter is missing.
     """
     target = io.BytesIO()
     options = {"in_memory": True, "strings_to_numbers": False, "strings_to_formulas": False}
@@ -65,8 +65,8 @@ def encode(page: Page, units: Units) -> dict[str, bytes]:
 
 
 def _sheet_name(name: str, number: int) -> str:
-    """Return the name of the sheet for a table. If the name of the table is too long, "~" and the number of
-    the table replace its end."""
+    """Return the name of the sheet for a table: the name of the table. If this name is too long, "~" and the
+    number of the table replace its end."""
     if len(name) <= _MAX_NAME_LENGTH:
         return name
     ending = f"~{number}"
@@ -78,8 +78,8 @@ def _text(cell: Number | str) -> str:
 
 
 def _number_format(digits: str) -> str:
-    """Return the number format of a spreadsheet that shows as many digits as the text `digits`; the format
-    0.0E+00 for an empty text."""
+    """Return the number format that shows as many decimals as the text `digits`. For an empty text, return
+    0.0E+00."""
     mantissa, power, _ = digits.partition("·")
     _, point, decimals = re.sub(r"\s", "", mantissa).partition(".")
     if not digits or power:

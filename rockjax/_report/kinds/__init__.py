@@ -1,4 +1,5 @@
-"""All kinds of checks, which are also the kinds of design targets."""
+"""All kinds of checks, and their keys in problem files. Entries of `[[targets]]` have the same kinds and keys
+as `[[checks]]`."""
 
 from __future__ import annotations
 
@@ -165,7 +166,7 @@ assert {kind.quantity for kind in _KINDS} <= set(QUANTITIES)
 
 @functools.cache
 def check_model(kind: str) -> type[CheckKeys]:
-    """Return the pydantic model of a table `[[checks]]` or `[[targets]]` with this `kind`."""
+    """Return the pydantic model of the tables `[[checks]]` and `[[targets]]` with this `kind`."""
     fields: Any = {
         name: (type_ | None, key(None, meaning)) for name, (type_, meaning) in KINDS[kind].keys.items()
     }

@@ -1,4 +1,8 @@
-"""Base class of the kinds of checks. A case of a check is one of its motions or pulses."""
+"""Base class of the kinds of checks, such as "peak-rotation".
+
+A scene is the structure under one motion. A case of a check is one of its motions or pulses. The governing
+case decides the check. An entry is a table `[[checks]]` or `[[targets]]` of the problem file.
+"""
 
 from __future__ import annotations
 
@@ -26,24 +30,26 @@ if TYPE_CHECKING:
     from rockjax._problem.reading import Reader
     from rockjax._structures import Podium
 
-ROUNDING = 8 * np.finfo(float).eps  # every value is assumed to have at least this relative error
+ROUNDING = 8 * np.finfo(float).eps  # least relative error that a value is assumed to have [–]
 STATISTICS = {"max": "largest", "mean": "mean", "median": "median", "p84": "84 % quantile"}
 STATISTICS_OF_MINIMA = STATISTICS | {"max": "least", "p84": "16 % quantile"}
 
 
 class Values(NamedTuple):
-    """The n values of a check: one for each case, or one for all cases.
+    """The n values of a check: one value for each case, or a single value (n = 1) for all cases.
 
     - `values`: (n,) [SI]; ±inf where a text replaces the number
     - `errors`: (n,) estimated errors [SI]; NaN or inf where unknown
     - `texts`: (n,) texts that replace numbers, such as "overturned at 5.85 s"; "" for numbers
     - `locations`: (n,) storey, joint or time of each value; "" for none
-    - `unanswered`: for each scene, or for the estimate of a probability, why there is no decided answer, such
-      as "undecided"; "" if there is one. Empty for kinds that always have one
-    - `names`: (n,) names of the cases (motions or pulses); empty for one value
+    - `unanswered`: for each scene, the reason why it has no decided answer, such as "undecided"; "" if it has
+      one. For an estimated probability, the tuple has at most one reason. It is empty for values that always
+      have an answer
+    - `names`: (n,) names of the cases; empty for a single value for all cases
     - `remark`: text that the summary adds to the value, or ""
     - `error_factor`: a check passes only if value ± `error_factor` · error satisfies the limit
-    - `states`: (n,) states of the texts, some of `tables.STATES`; "" for numbers. Empty if all are numbers
+    - `states`: (n,) meanings of the texts, from `tables.STATES`; "" for numbers. Empty if all values are
+      numbers
     """
 
     values: np.ndarray
@@ -58,7 +64,7 @@ class Values(NamedTuple):
 
 
 def one_value(value: float, error: float = np.nan, **fields: Any) -> Values:
-    """Return the `Values` of a check that has a single value; `fields`: other fields of `Values`."""
+    """Return the `Values` of a check that has a single value [SI]; `fields`: other fields of `Values`."""
     return Values(
         np.array([value]), np.array([error]), ("",), ("",), fields.pop("unanswered", ()), (), **fields
     )
@@ -66,12 +72,13 @@ def one_value(value: float, error: float = np.nan, **fields: Any) -> Values:
 
 def statistic_of(values: Values, statistic: str, is_minimum: bool) -> tuple[float, float, int]:
     """Return the statistic of values [SI], its estimated error [SI], and the index of the governing value.
+
     The largest value governs, or the least for a minimum.
 
-    - `values`: values of a check; ±inf for scenes that overturn, NaN for scenes without an answer. The
-      governing value is the largest or least of the others; the other statistics become NaN
-    - `statistic`: "max" (the governing value), "mean", "median", or "p84": the 84 % quantile, or the 16 %
-      quantile for a minimum
+    - `values`: values of a check, NaN for scenes without an answer. A NaN cannot govern, but it makes the
+      mean, the median and the quantile NaN
+    - `statistic`: "max" (the governing value), "mean", "median" or "p84" (the 84 % quantile, or the 16 %
+      quantile for a minimum)
     - `is_minimum`: whether the value must be at least the limit
     """
     y, errors = values.values, np.where(np.isfinite(values.errors), values.errors, 0.0)
@@ -88,8 +95,8 @@ def statistic_of(values: Values, statistic: str, is_minimum: bool) -> tuple[floa
 
 
 def _quantile(y: np.ndarray, share: float) -> float:
-    """Return a quantile by linear interpolation between the two nearest values. It is infinite if one of
-    these is infinite and has a nonzero weight, and NaN if any value is."""
+    """Return a quantile, interpolated linearly between the two nearest values. It is NaN if any value is NaN.
+    It is infinite if one of the two values is infinite and has a nonzero weight."""
     if np.isnan(y).any():
         return math.nan
     ordered = np.sort(y)
@@ -111,9 +118,9 @@ class Kind(abc.ABC):
     - `section`: number of the section of the page with the details
     - `keys`: keys that only this kind has: name → (type, description)
     - `needs_motions`: whether the check needs a set of motions; `has_limit`: whether it has a limit
-    - `has_one_value`: whether the check has a single value, so that no motion governs and no statistic
-      applies
-    - `skip_name`: name in `evaluate(skip=…)` that leaves out checks of this kind; "" if none does
+    - `has_one_value`: whether the check has a single value for all motions. Then no motion governs, and no
+      statistic applies
+    - `skip_name`: name in `evaluate(skip=…)` that leaves out checks of this kind; "" if there is no such name
     """
 
     name: str
@@ -128,14 +135,15 @@ class Kind(abc.ABC):
     skip_name: str = ""
 
     def start(self, entry: Entry, scenes: Scenes) -> bool:
-        """Start a long computation of an entry in another thread. Return whether its result is still to come;
-        if it is, the check of the entry is evaluated after the others."""
+        """Start a long computation for an entry in another thread. Return True if its result is not available
+        yet; the check of the entry is then evaluated after the others."""
         del entry, scenes
         return False
 
     # ------------------------------------------------------------------------------------------------ reading
     def read(self, keys: CheckKeys, reader: Reader, file: models.Problem, podium: Podium) -> dict[str, Any]:
-        """Return the arguments of an entry, from the keys of its kind and from other tables of the file.
+        """Return the arguments of an entry, from the keys that only its kind has and from other tables of the
+        file.
 
         - `keys`: table of the entry
         - `reader`, `file`: reader of the problem file, and the tables of the file
@@ -162,9 +170,10 @@ class Kind(abc.ABC):
         - `keys`: table of the entry; `g`: gravity [m/s²]
         - `quantity`: what the value of the entry measures, one of `units.KINDS`
 
-        Raises `ValueError` unless the entry has exactly one limit: `limit`, or `at_least` for a minimum, or
-        `at_most` for a maximum. Also raises it for a wrong unit, for a maximum that is not positive, and for
-        a limit in an entry of a kind without one.
+        An entry gives its limit by the key `limit`, or by `at_least` if the limit is a minimum and by
+        `at_most` if it is a maximum. Raises `ValueError` unless the entry has exactly one of these keys.
+        Raises `ValueError` also for a wrong unit, for a maximum that is not positive, and for a limit of a
+        kind that has none.
         """
         bound = "at_least" if self.is_minimum else "at_most"
         given = {name: getattr(keys, name) for name in BOUNDS if getattr(keys, name) is not None}
@@ -184,7 +193,7 @@ class Kind(abc.ABC):
         return value
 
     def check(self, keys: CheckKeys, uses_motions: bool) -> None:
-        """Raise `ValueError` if an entry gives a statistic or motions that do not apply to the kind."""
+        """Raise `ValueError` if an entry gives a statistic or motions that do not apply to its kind."""
         if keys.statistic != "max" and (self.has_one_value or not uses_motions):
             raise ValueError(
                 f"statistic must be left out: {self.name} does not have a value for each motion of a set"
@@ -197,7 +206,7 @@ class Kind(abc.ABC):
     # --------------------------------------------------------------------------------------------- evaluation
     def missing(self, entry: Entry, problem: Problem) -> str:
         """Return a text that states why the check cannot be made and what would make it possible. Return ""
-        if it can be made."""
+        if the check can be made."""
         if entry.keys.vertical and entry.motions and not problem.motions[entry.motions].has_vertical:
             return (
                 f"Some motions of {entry.motions} have no vertical component; give the set one of the keys "
@@ -211,8 +220,8 @@ class Kind(abc.ABC):
         return ()
 
     def on_floors(self, entry: Entry) -> Mapping[tuple[str, str], Any]:
-        """Return the blocks or oscillators on floors that the check needs in the scenes of its set of
-        motions: (dim, name) → object, with their dim in datasets."""
+        """Return the blocks or oscillators on floors that the check needs in the scenes of its set: (dim,
+        name) → object. `dim` is the dimension of these objects in datasets."""
         del entry
         return {}
 
@@ -227,7 +236,7 @@ class Kind(abc.ABC):
         """
 
     def slopes_function(self, entry: Entry, scenes: Scenes, case: int) -> SlopesFunction | None:
-        """Return a function that computes the value of a case and its derivatives, with respect to the
+        """Return a function that computes the value of a case, and its derivatives with respect to the
         logarithms that `derivatives.py` defines. Return None if the value has no derivatives.
 
         - `case`: index of the motion or pulse
@@ -236,7 +245,7 @@ class Kind(abc.ABC):
         return None
 
     def tested_scenes(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
-        """Return the scenes in which the assumptions are tested; None if they are not tested."""
+        """Return the scenes in which the assumptions of the model are tested; None if they are not tested."""
         return scenes.peaks(entry.motions) if entry.motions else None
 
     @property
@@ -246,7 +255,7 @@ class Kind(abc.ABC):
 
     @property
     def has_variants(self) -> bool:
-        """True if the check is evaluated again for other laws of impact and for variations."""
+        """True if the check is evaluated again with other laws of impact and with changed inputs."""
         return False
 
     # --------------------------------------------------------------------------------------------------- page
@@ -261,8 +270,8 @@ class Kind(abc.ABC):
         )
 
     def tables(self, entry: Entry, values: Values, scenes: Scenes) -> list[Table]:
-        """Return tables with the details of a check. If several checks return a table with the same name, the
-        page shows only the first."""
+        """Return tables with the details of a check. If several checks return tables of the same name, the
+        page shows only the first of these tables."""
         del entry, values, scenes
         return []
 
@@ -281,11 +290,11 @@ def with_texts(
     locations: list[str],
     is_minimum: bool,
 ) -> Values:
-    """Return the `Values` of n scenes. A text replaces the value if the columns overturn, or if the value is
-    infinite. The latter means that a joint opens.
+    """Return the `Values` of n scenes. A text replaces the value of a scene in which the columns overturn. If
+    the columns do not overturn but the value is infinite, a joint opens, and the text states this.
 
     - `scenes`, `entry`: the scenes and the entry
-    - `data`: dataset of the scenes, with the dim `motion` of length n
+    - `data`: dataset of the scenes, whose dimension `motion` has the length n
     - `values`, `errors`, `locations`: fields of `Values`, (n,)
     - `is_minimum`: whether the value must be at least the limit
     """

@@ -1,4 +1,5 @@
-"""Kinds of checks on floors: rotations of contents, and spectral accelerations of oscillators."""
+"""Kinds of checks on floors: rotations of contents (rocking blocks), and spectral accelerations of
+oscillators."""
 
 from __future__ import annotations
 
@@ -31,10 +32,10 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True)
 class FloorKind(Kind):
-    """A check of blocks or oscillators on floors. The value is the largest of their peaks. A key of the check
-    lists their names; by default, the check covers all of the file.
+    """A check of blocks or oscillators on floors. The value is the largest of their peaks.
 
-    - `table`: name of the tables of the problem file that define the blocks or oscillators
+    - `table`: name of the tables of the problem file that define the blocks or oscillators. The key of the
+      check with this name lists the checked ones, by default all
     - `dim`: dimension of the blocks or oscillators in datasets
     - `peak`: name of the peak, such as "peak_rotation"; `symbol`: symbol of the peak in headings
     """

@@ -13,12 +13,12 @@ from .base import Kind, Values
 
 @dataclasses.dataclass(frozen=True)
 class OutsideModel(Kind):
-    """A check of an effect that the model does not contain. `reason` states why the check is not made."""
+    """A check of an effect that the model does not contain. It is never made; `reason` states why."""
 
     reason: str = ""
 
     def limit(self, keys: CheckKeys, quantity: str, g: float) -> float:
-        # A limit in the entry of a kind without one is accepted and ignored.
+        # If the kind has no limit, a limit in the entry is accepted and ignored.
         return super().limit(keys, quantity, g) if self.has_limit else 1.0
 
     def missing(self, entry: Entry, problem: Problem) -> str:
@@ -31,7 +31,8 @@ class OutsideModel(Kind):
 
 @dataclasses.dataclass(frozen=True)
 class ByOthers(OutsideModel):
-    """A check that others make. The keys `text` and `reference` state what is checked, and where."""
+    """A check that others make. The key `text` states what is checked, and the key `reference` states
+    where."""
 
     def missing(self, entry: Entry, problem: Problem) -> str:
         del problem

@@ -1,4 +1,4 @@
-"""Kinds of checks of peaks: one for each peak among the outputs, and some for quantities derived from
+"""Kinds of checks of peaks: one kind for each peak among the outputs, and some for quantities derived from
 peaks."""
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ from .base import Kind, Values, errors_of, with_texts
 
 @dataclasses.dataclass(frozen=True)
 class PeakKind(Kind):
-    """A check of a peak, multiplied by a factor that depends on the structure.
+    """A check of a peak, which may be multiplied by a factor that depends on the structure.
 
     - `variable`: name of the peak in datasets of scenes
-    - `factor`: function (problem, podium) ↦ one factor, or a factor for each joint, storey or mode; None for
-      the factor 1
-    - `needs`: function (problem) ↦ a sentence about missing inputs; "" if none is missing
-    - `powers`: pairs (input, exponent). `factor` takes these inputs from the problem, not from the podium, so
-      a variation does not change them there. If a variation multiplies such an input by y, the value is
-      multiplied by y ** exponent instead
+    - `factor`: function (problem, podium) ↦ one factor, or one for each joint, storey or mode; None for the
+      factor 1
+    - `needs`: function (problem) ↦ sentence about missing inputs; "" if no input is missing
+    - `powers`: pairs (input, exponent) for the inputs that `factor` takes from the problem. A variation
+      changes the podium, but not the problem. Therefore, if a variation multiplies such an input by y, the
+      value of the check is multiplied by y ** exponent
     - `convert`: function (podium, multiplied peak) ↦ value of the check; None for no conversion
     """
 
@@ -66,7 +66,8 @@ class PeakKind(Kind):
         return (VARIABLES[self.variable][1],)
 
     def to_values(self, peaks: Any, problem: Problem, podium: Podium) -> Any:
-        """Convert peaks to values of the check. The last axis may be joints, storeys or modes."""
+        """Convert peaks to values of the check. The last axis of `peaks` may run over joints, storeys or
+        modes."""
         if self.factor is not None:
             peaks = peaks * jnp.broadcast_to(self.factor(problem, podium), np.shape(peaks))
         return peaks if self.convert is None else self.convert(podium, peaks)
@@ -116,8 +117,8 @@ class PeakKind(Kind):
 
 @dataclasses.dataclass(frozen=True)
 class NoOverturning(Kind):
-    """A check that no motion overturns the columns. The value is max|θ|/α divided by `overturn_ratio` of the
-    options."""
+    """A check that no motion overturns the columns. The value is max|θ|/α divided by the option
+    `overturn_ratio`, so the limit is 1."""
 
     @property
     def has_variants(self) -> bool:
@@ -168,7 +169,7 @@ def _needs_contact(problem: Problem) -> str:
 
 
 def deck_displacement(podium: Podium, rotation: Any) -> Any:
-    """Return the displacement of the deck u_b [m] at the rotation |θ|/α = `rotation`, Eq. (13)."""
+    """Return the displacement of the deck u_b [m], Eq. (13) of docs/model.md. `rotation`: |θ|/α [–]."""
     alpha = podium.alpha
     return 2 * podium.R * (jnp.sin(alpha) - jnp.sin(alpha - rotation * alpha))
 

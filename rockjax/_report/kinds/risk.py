@@ -1,4 +1,7 @@
-"""Kinds of checks of probabilities: fragility, annual frequency, and probabilities of failure."""
+"""Kinds of checks of fragility, annual frequency and probabilities of overturning.
+
+A scene is the structure under one motion.
+"""
 
 from __future__ import annotations
 
@@ -40,8 +43,8 @@ UNTESTED = "assumptions are not tested"
 
 @dataclasses.dataclass(frozen=True)
 class FragilityKind(Kind):
-    """A check of the median overturning intensity of a set of motions: the median of the least intensities at
-    which the motions overturn the columns. The table `[fragility]` has the settings."""
+    """A check of the median overturning intensity of a set: the median of the least intensities at which the
+    motions overturn the columns. The settings are in the table `[fragility]` of the problem file."""
 
     def read(self, keys: CheckKeys, reader: Reader, file: models.Problem, podium: Podium) -> dict[str, Any]:
         arguments = super().read(keys, reader, file, podium)
@@ -52,8 +55,9 @@ class FragilityKind(Kind):
         return kind_of_unit(unit_of_measure(measure_of_file(file)[0]))
 
     def curve(self, entry: Entry, scenes: Scenes) -> Any:
-        """Return the result of `rockjax.fragility` for the set, with two more variables: `scale` is the least
-        factor on each motion that overturns the columns, and `largest_scale` the largest searched factor."""
+        """Return the result of `rockjax.fragility` for the set, with two more variables along `record`.
+        `scale` is the least factor on each motion that overturns the columns. `largest_scale` is the largest
+        searched factor."""
         problem, motions = scenes.problem, scenes.motion_set(str(entry.motions))
         measure = entry.arguments["measure"]
         settings = problem.fragility.model_dump(), measure
@@ -93,8 +97,8 @@ class FragilityKind(Kind):
 
 @dataclasses.dataclass(frozen=True)
 class AnnualKind(FragilityKind):
-    """A check of the annual frequency of overturning, from a hazard curve and a fragility curve. The
-    fragility curve is given in the table `[risk]`; otherwise it is computed from the set of motions."""
+    """A check of the annual frequency of overturning, from a hazard curve and a fragility curve. If the table
+    `[risk]` gives no fragility curve, the curve is computed from the set of motions."""
 
     def read(self, keys: CheckKeys, reader: Reader, file: models.Problem, podium: Podium) -> dict[str, Any]:
         arguments = Kind.read(self, keys, reader, file, podium)
@@ -128,8 +132,12 @@ class AnnualKind(FragilityKind):
         return super().curve(entry, scenes) if given is None else given
 
     def _annual(self, entry: Entry, scenes: Scenes) -> xarray.Dataset:
-        """Return a dataset with `frequency`, `return_period`, `probability`, `extrapolated` and
-        `sensitivity`."""
+        """Return a dataset of the annual frequency.
+
+        It has `frequency` [1/year], `return_period` [years], `probability` within the years of `[risk]` [–],
+        the share `extrapolated` that comes from beyond the hazard curve [–], and `sensitivity`, the
+        derivatives of ln `frequency` [–].
+        """
         import xarray
 
         curve, hazard = self.curve(entry, scenes), entry.arguments["hazard"]
@@ -181,8 +189,8 @@ class AnnualKind(FragilityKind):
 
 @dataclasses.dataclass(frozen=True)
 class ShareKind(Kind):
-    """A check of the share of the motions of a set that overturn the columns. The key `intensity` is a factor
-    on all motions."""
+    """A check of the share of the motions of a set that overturn the columns. All motions are multiplied by
+    the key `intensity`."""
 
     @property
     def has_variants(self) -> bool:
@@ -231,7 +239,7 @@ class FailureKind(Kind):
             if "envelope" in given:
                 given["envelope"] = Envelope(**given["envelope"].as_arguments())
             arguments["motion"] = GaussianMotion(**given)
-        # Failure is overturning, or a rotation |θ|/α above an overturn_ratio < 1.
+        # Failure is overturning. With an overturn_ratio < 1 it is a rotation |θ|/α above this ratio.
         ratio = file.options.overturn_ratio
         return arguments | ({"limit": ("rotation", ratio)} if ratio is not None and ratio < 1 else {})
 
@@ -240,8 +248,8 @@ class FailureKind(Kind):
         return "" if "motion" in entry.arguments else "The check has no random motion; give its key motion."
 
     def _data(self, entry: Entry, scenes: Scenes) -> xarray.Dataset:
-        """Return a dataset with `probability`, `standard_error`, `scenes` (their number), `converged` and
-        `interval` of the estimate."""
+        """Return a dataset of the estimated probability: `probability`, `standard_error`, `scenes` (number of
+        solved scenes), `converged`, and `interval` (the 95 % interval)."""
         import xarray
 
         settings = {
@@ -287,16 +295,17 @@ class FailureKind(Kind):
 
 
 def measure_of_file(file: models.Problem) -> tuple[str, float | None]:
-    """Return name and period [s] of the intensity measure in `[fragility]`; the period is None for a measure
-    without one. If the file has no such table, the measure is the factor on the motions, "scale"."""
+    """Return the name and the period [s] of the intensity measure in `[fragility]`. The period is None for a
+    measure without one. If the file has no table `[fragility]`, the measure is "scale", the factor on the
+    motions."""
     settings = file.fragility
     has_table = "fragility" in file.model_fields_set
     return (settings.measure, settings.measure_period) if has_table else ("scale", None)
 
 
 def _measure_of_hazard(hazard: Hazard) -> tuple[str, float | None]:
-    """Return name and period [s] of the intensity measure of a hazard curve; the period is None for a measure
-    without one."""
+    """Return the name and the period [s] of the intensity measure of a hazard curve. The period is None for a
+    measure without one."""
     match = SA_LABEL.fullmatch(hazard.measure)
     return ("Sa", float(match["period"])) if match else (hazard.measure, None)
 
@@ -332,8 +341,8 @@ def _fragility(scenes: Scenes, name: str, named_measure: tuple[str, float | None
 
 
 def _numbers_of(curve: Any) -> list[float]:
-    """Return the numbers of a fragility curve that determine the annual frequency and its derivatives: first
-    the median, then the dispersion, then others."""
+    """Return the numbers of a fragility curve that determine the annual frequency and its derivatives. The
+    first is the median, and the second is the dispersion."""
     if isinstance(curve, Lognormal):
         return list(map(float, curve))
     names = ("median_capacity", "dispersion", "no_damage_limit", "min_intensity", "max_intensity")

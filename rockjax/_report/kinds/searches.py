@@ -1,5 +1,8 @@
 """Kinds of checks that search for the least factor on a motion, or the least amplitude of a pulse, at which
-the columns lift or overturn."""
+the columns lift or overturn.
+
+In all of these checks the limit is a minimum.
+"""
 
 from __future__ import annotations
 
@@ -44,8 +47,9 @@ def searched_values(
     """Return the `Values` of a search.
 
     - `values`, `errors`: fields of `Values`, (n,); a value is inf if the search found nothing
-    - `end`: largest searched value, in the unit of the values. Values of inf are only known to exceed it.
-      They do not decide the check if its statistic would violate the limit with `end` in their place
+    - `end`: largest searched value, in the unit of the values. A value of inf is only known to exceed `end`.
+      If the statistic satisfies the limit with inf, but violates it with `end` in place of inf, these values
+      count as unanswered
     - `entry`: the entry of the check
     - `fields`: other fields of `Values`
     """
@@ -70,8 +74,8 @@ def searched_values(
 
 @dataclasses.dataclass(frozen=True)
 class ScaleKind(Kind):
-    """A check of the factors on the motions of a set: for each motion, the least factor at which the columns
-    lift (`event` = "uplift") or overturn (`event` = "overturning")."""
+    """A check of factors on the motions of a set. The value of a motion is the least factor at which the
+    columns lift (`event` = "uplift") or overturn (`event` = "overturning")."""
 
     event: str = "overturning"
 
@@ -99,8 +103,8 @@ class ScaleKind(Kind):
 
 @dataclasses.dataclass(frozen=True)
 class PulseKind(Kind):
-    """A check of the least amplitudes of pulses that overturn the columns, one for each period of the
-    pulse."""
+    """A check of the least amplitudes of pulses that overturn the columns, with one value for each period of
+    the pulse."""
 
     def read(self, keys: CheckKeys, reader: Reader, file: models.Problem, podium: Podium) -> dict[str, Any]:
         arguments = super().read(keys, reader, file, podium)
@@ -126,13 +130,13 @@ class PulseKind(Kind):
         return defaults | given
 
     def _unit(self, entry: Entry, podium: Podium) -> Value:
-        """Return the unit of the amplitudes and of the limit [m/s²]: g tan α if the check has `ratio`, else
-        1."""
+        """Return the unit of the amplitudes and of the limit [m/s²]: g tan α if the check has the key
+        `ratio`, otherwise 1."""
         return g_tan_alpha(podium.alpha, podium.g) if entry.arguments.get("ratio") else jnp.ones(())
 
     def _amplitudes(self, entry: Entry, scenes: Scenes) -> np.ndarray:
-        """Return the least overturning amplitude for each period, in the unit of the limit; inf where no
-        searched amplitude overturns."""
+        """Return the least overturning amplitude for each period, in the unit of the limit. The amplitude is
+        inf if no searched amplitude overturns the columns."""
         import xarray
 
         podium = scenes.problem.podium
@@ -178,7 +182,9 @@ class PulseKind(Kind):
         pulse = entry.arguments["pulse"]
         periods = np.atleast_1d(entry.arguments["T_p"])
         pulses = [pulse(float(a), float(T)) for a, T in zip(amplitudes, periods, strict=True)]
-        options = scenes.options("")  # no set is called "", so outputs that checks need are not included
+        options = scenes.options(
+            ""
+        )  # no set has the name "", so the outputs that checks of sets need are left out
         return scenes.peaks_under(f"boundary.{entry.id}", options, pulses)
 
     def scope(self, entry: Entry, problem: Problem) -> str:

@@ -26,8 +26,8 @@ from . import (
 if TYPE_CHECKING:
     from rockjax._report.evaluation import Evaluation
 
-# Functions (evaluation, units) ↦ section of the page. The units are those of pictures and their captions; all
-# other numbers are in SI, and a format converts them.
+# Functions (evaluation, units) ↦ section of the page. `units` are the units of pictures and their captions.
+# All other numbers of a section are in SI.
 SECTIONS: tuple[Callable[[Evaluation, Units], Section], ...] = (
     summary.section,
     structure.section,

@@ -1,4 +1,4 @@
-"""Section 11: numerical accuracy."""
+"""Section 11: numerical accuracy. A scene is the structure under one motion."""
 
 from __future__ import annotations
 

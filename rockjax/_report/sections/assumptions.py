@@ -1,4 +1,4 @@
-"""Section 10: assumptions, and checks that were not made."""
+"""Section 10: assumptions of the model, and checks that were not made."""
 
 from __future__ import annotations
 
@@ -56,7 +56,8 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 
 
 def _row(assumption: Assumption, evaluation: Evaluation) -> tuple[TextCell, ...]:
-    """Return the row of an assumption. It counts as violated if it is violated for any set of motions."""
+    """Return the row of an assumption. The assumption counts as violated if it is violated for any set of
+    motions."""
     texts, violated, tested = [], False, False
     for name, outcomes in evaluation.assumptions.items():  # sets of motions
         outcome = outcomes[assumption.id]
@@ -67,7 +68,7 @@ def _row(assumption: Assumption, evaluation: Evaluation) -> tuple[TextCell, ...]
         tested = True
         violated |= bool(outcome.violated.any())
         texts.append(_sentence(name, outcome))
-    if assumption.id == "A6":  # the law of impact; the test is whether results change under other laws
+    if assumption.id == "A6":  # the law of impact; the test compares the results of checks under other laws
         changed = [
             check.id
             for check in evaluation.checks
@@ -88,13 +89,13 @@ def _row(assumption: Assumption, evaluation: Evaluation) -> tuple[TextCell, ...]
 
 
 def _result_if_valid(check: Check) -> str:
-    """Return the result of a check; for a result NOT VALID, the result that it would have if the assumptions
-    held."""
+    """Return the result that a check would have if no assumption were violated: PASS in place of NOT
+    VALID."""
     return "PASS" if check.result == "NOT VALID" else check.result
 
 
 def _sentence(name: str, outcome: Outcome) -> str:
-    """Return the outcome for a set of motions as a sentence."""
+    """Return the outcome of a test for the set of motions `name`, as a sentence."""
     worst = f"{outcome.worst:.3g}" if math.isfinite(outcome.worst) else "without bound"
     count = int(np.sum(outcome.violated))
     share = f"; violated in {count} of {len(outcome.violated)} scenes" if count else ""
@@ -102,7 +103,7 @@ def _sentence(name: str, outcome: Outcome) -> str:
 
 
 def _laws(evaluation: Evaluation) -> Table | None:
-    """Return the table of the checks under each law of impact, for assumption A6; None if no check was
+    """Return the table of the checks under each law of impact, for assumption A6. Return None if no check was
     evaluated under other laws."""
     checks = [check for check in evaluation.checks if check.laws]
     if not checks:

@@ -1,4 +1,7 @@
-"""Functions for several sections: sets of motions, governing scene, pictures and tables."""
+"""Functions for several sections: sets of motions, governing scene, pictures and tables.
+
+A scene is the structure under one motion.
+"""
 
 from __future__ import annotations
 
@@ -19,13 +22,13 @@ if TYPE_CHECKING:
 
 
 def sets_with_scenes(evaluation: Evaluation) -> tuple[str, ...]:
-    """Return the names of the sets of motions under which at least one check has values."""
+    """Return the names of the sets of motions for which at least one check has values."""
     return tuple(evaluation.assumptions)
 
 
 def governing_scene(evaluation: Evaluation) -> tuple[str, int] | None:
-    """Return (set, index of the motion) of the scene with the largest rotation among the scenes that finished
-    without overturning; None if there are no such scenes."""
+    """Return (set, index of the motion) of the governing scene: the scene with the largest rotation among
+    those that finished without overturning. Return None if there are no such scenes."""
     governing: tuple[float, str, int] | None = None
     for name in sets_with_scenes(evaluation):
         data = evaluation.scenes.peaks(name)
@@ -38,11 +41,11 @@ def governing_scene(evaluation: Evaluation) -> tuple[str, int] | None:
 
 
 def stored_figure(evaluation: Evaluation, name: str, inputs: Any, draw: Callable[[], Figure]) -> Figure:
-    """Return a picture from the store; draw and store it if it is missing or was drawn from other inputs.
+    """Return a picture from the store. If it is missing or was drawn from other inputs, draw and store it.
 
     - `evaluation`: the evaluated problem, whose store is used
     - `name`: name in the store; `inputs`: pytree of all data that the picture depends on
-    - `draw`: function that returns the picture; the caption must be a string
+    - `draw`: function that returns the picture, whose caption must be a string
     """
     store = evaluation.scenes.store
     text = store.text(f"figures.{name}", fingerprint(inputs), lambda: json.dumps(dataclasses.asdict(draw())))
@@ -50,8 +53,8 @@ def stored_figure(evaluation: Evaluation, name: str, inputs: Any, draw: Callable
 
 
 def details(evaluation: Evaluation, section: int) -> list[Table]:
-    """Return the tables with the details of the checks that belong to a section. Of tables with the same
-    name, return only the first."""
+    """Return the tables with the details of the checks that belong to a section. If tables have the same
+    name, return only the first of them."""
     tables: dict[str, Table] = {}
     for check in evaluation.checks:
         if check.values is not None and check.kind.section == section:

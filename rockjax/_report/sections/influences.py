@@ -1,4 +1,5 @@
-"""Section 8: derivatives of utilisations with respect to the inputs, and checks with changed inputs."""
+"""Section 8: derivatives of utilisations U with respect to the inputs y, and utilisations with changed
+inputs."""
 
 from __future__ import annotations
 
@@ -31,7 +32,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 
 
 def _table(check: Check) -> Table:
-    """Return the table of the derivatives of a check, and of its utilisations with changed inputs."""
+    """Return the table of a check: derivatives of its utilisation, and utilisations with changed inputs."""
     columns = (
         Column("Input"),
         Column("d ln U/d ln y", "number"),

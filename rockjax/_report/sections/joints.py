@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
     from rockjax._report.evaluation import Evaluation
 
-# Output → heading of the table. Axial forces are divided by m_c g in outputs, but by the dead load in the
-# table.
+# Output → heading in the table. The outputs of axial forces are divided by m_c g, the weight of a column. The
+# table divides them by the dead load instead.
 _COLUMNS = {
     "least_axial_force": "Least N / dead load",
     "peak_axial_force": "Largest N / dead load",
@@ -69,7 +69,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 
 
 def _table(evaluation: Evaluation, name: str) -> Table:
-    """Return the table of the extreme forces in the bottom and top joints under each motion of a set."""
+    """Return the table of the extreme forces in the bottom and the top joints, under each motion of a set."""
     data, motions = evaluation.scenes.peaks(name), evaluation.problem.motions[name]
     podium = evaluation.problem.podium
     dead_load = np.asarray(podium.dead_load, float)

@@ -1,4 +1,4 @@
-"""Section 9: simplified methods beside the exact answer."""
+"""Section 9: results of simplified methods of practice beside the exact answer."""
 
 from __future__ import annotations
 
@@ -48,7 +48,8 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 
 
 def start(problem: Problem, store: Store, made: list[Entry]) -> None:
-    """Start to compute the results of the methods for the sets of the entries `made`, in other threads."""
+    """Start to compute the results of the methods in other threads, for the sets of motions of the entries
+    `made`."""
     for name in dict.fromkeys(entry.motions for entry in made):
         if name and _has_records(problem, name):
             store.start_text(*_stored_results(problem, store, name))
@@ -87,8 +88,8 @@ def _results(problem: Problem, store: Store, name: str) -> list[MethodResult]:
 
 
 def _tables(evaluation: Evaluation, name: str, results: Any) -> list[Table]:
-    """Return the table of the methods for a set of motions and, if a method computes rotations, the table of
-    these beside the exact rotations."""
+    """Return the table of the methods for a set of motions. If a method computes rotations, also return a
+    table of these rotations beside the exact ones."""
     columns = (
         Column("Method"),
         Column("Compares"),
@@ -149,8 +150,8 @@ def _tables(evaluation: Evaluation, name: str, results: Any) -> list[Table]:
 
 
 def _rotation(result: Any, k: int) -> Quantity | TextCell:
-    """Return a cell with the rotation θ/α of a method under motion k. A note states the number of stable
-    solutions of the equation of the method, if there are several."""
+    """Return a cell with the rotation θ/α that a method gives under motion k. If the equation of the method
+    has several stable solutions, a note states their number."""
     value = float(np.asarray(result.rotation_ratio)[k])
     count = int(np.asarray(result.stable_roots)[k])
     note = f"{count} solutions" if count > 1 else ""

@@ -49,14 +49,15 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 
 
 def _first_period(podium: Any) -> float | None:
-    """Return the first period of the building on a fixed base [s]; None if no building vibrates."""
+    """Return the first period of the building on a fixed base [s]; None if there is no building that
+    vibrates."""
     superstructure = podium.superstructure
     oscillators = None if superstructure is None else superstructure.oscillators
     return None if oscillators is None else float(np.max(np.asarray(oscillators.T_s)))
 
 
 def _table(evaluation: Evaluation, motions: MotionSet, period: float | None) -> Table:
-    """Return the table of the motions of a set: name, source, samples, measures and hash."""
+    """Return the table of the motions of a set: name, source, samples, intensity measures and hash."""
     podium = evaluation.problem.podium
     threshold = float(podium.uplift_ground_acceleration)
     has_prestress = not np.isclose(threshold, float(g_tan_alpha(podium.alpha, podium.g)), rtol=1e-9)
@@ -119,7 +120,11 @@ def _table(evaluation: Evaluation, motions: MotionSet, period: float | None) -> 
 
 
 def _draw_spectra(motions: MotionSet, period: float | None, units: Units) -> Figure:
-    """Draw the pseudo-acceleration spectra of a set, with the first period of the building."""
+    """Draw the pseudo-acceleration spectra of a set of records.
+
+    - `motions`: the set; `units`: units of the drawing
+    - `period`: first period of the building [s], which is marked; None for no mark
+    """
     import matplotlib.pyplot as plt
 
     from rockjax._motions.intensity import spectral_accelerations

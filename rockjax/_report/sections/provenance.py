@@ -1,4 +1,4 @@
-"""Section 12: provenance, with the problem file."""
+"""Section 12: versions of the software, hashes of the files, and the problem file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Section 4: rotation, uplift and overturning of every scene."""
+"""Section 4: rotation, uplift and overturning in every scene. A scene is the structure under one motion."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ WINDOW_COLUMNS = {  # variable of `least_factors` → heading
     "survives_from": "Survives again from",
     "overturns_again_from": "Overturns again from",
 }
-AFTER_LAST_IMPACT = 1.2  # histories are drawn up to this multiple of the time of the last impact
+AFTER_LAST_IMPACT = 1.2  # histories end at this multiple of the time of the last impact
 
 
 def section(evaluation: Evaluation, units: Units) -> Section:
@@ -50,7 +50,7 @@ def start(evaluation: Evaluation) -> None:
 
 def _table(evaluation: Evaluation, name: str) -> Table:
     """Return the table of the uplift, the peak rotation and the impacts under each motion of a set. If the
-    file asks for the overturning factors of the set, the table has them too."""
+    problem file has a check `overturning-scale` of the set, the table also has the overturning factors."""
     scenes = evaluation.scenes
     data, motions = scenes.peaks(name), evaluation.problem.motions[name]
     podium = evaluation.problem.podium

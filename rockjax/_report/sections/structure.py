@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rockjax._report.evaluation import Evaluation
     from rockjax._report.problem import Input
 
-# Key of an input → (meaning, kind). The meanings of other inputs are in the registry of parameters,
+# Key of an input → (meaning, kind of the number). Meanings of other inputs are in the registry of parameters,
 # `STRUCTURE`.
 _MEANINGS = {
     "story_masses": ("Storey masses from the bottom", "mass"),
@@ -62,7 +62,8 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 
 
 def _elevation(evaluation: Evaluation, units: Units) -> Figure:
-    """Return the picture of the structure, and of a column at the largest rotation of the governing scene."""
+    """Return the picture of the structure, and of a column at the largest rotation of the governing scene.
+    This is the scene with the largest rotation without overturning."""
     problem, scene = evaluation.problem, governing_scene(evaluation)
     podium = problem.podium
     rotation, label = None, ""
@@ -176,8 +177,8 @@ def _derived(evaluation: Evaluation) -> Equations:
         rows.append(
             Equation(Formula(f"restitution_{name}"), f"law {name}{note}", Quantity(factor, "number"), label)
         )
-    # The prestress of tendons raises the threshold and the dead load. The formulas do not contain it, but the
-    # numbers after them do.
+    # The prestress of tendons raises the uplift threshold and the dead load. The formulas of the report do
+    # not contain the prestress, but the inserted numbers and the results do.
     uplift = float(numbers["uplift_acceleration"])
     ratio = uplift / (g * np.tan(alpha))
     prestress = "" if np.isclose(ratio, 1, rtol=1e-9) else f" · {plain(ratio, 4)} (prestress of the tendons)"
@@ -199,7 +200,7 @@ def _derived(evaluation: Evaluation) -> Equations:
         tendons = Quantity((top - gamma - eta) * weight, "force", is_input=True)
 
         def terms(symbols: str) -> Text:
-            """Return the sum of the weight `symbols` · m_c g and the prestress; "" without prestress."""
+            """Return the text of the sum `symbols` · m_c g + prestress; "" without prestress."""
             return (f"{symbols} m_c g + ", tendons, " (prestress of the tendons)") if prestress else ""
 
         top_load, bottom_load = (Quantity(y * weight, "force") for y in (top, bottom))
@@ -215,7 +216,7 @@ def _derived(evaluation: Evaluation) -> Equations:
 
 
 def _numbers(evaluation: Evaluation) -> xarray.Dataset:
-    """Return the derived numbers of this section; compute them only if the store does not have them."""
+    """Return the derived numbers of this section. They are computed only if the store does not have them."""
     podium = evaluation.problem.podium
 
     def numbers(podium: Podium) -> dict[str, Any]:

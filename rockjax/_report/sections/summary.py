@@ -1,4 +1,4 @@
-"""Section 1: the summary of checks."""
+"""Section 1: the summary of checks. U is the utilisation of a check."""
 
 from __future__ import annotations
 
@@ -90,7 +90,8 @@ def _governs(check: Check) -> Text:
 
 
 def _slopes(check: Check) -> Text:
-    """Return the derivatives of a check with the largest absolute values, or why there are none."""
+    """Return the derivatives of a check with the largest absolute values, or the reason why there are
+    none."""
     if not check.sensitivities:
         return check.no_slopes if math.isfinite(check.value) else "no finite value"
     largest = sorted(check.sensitivities.items(), key=lambda item: -abs(item[1]))[:SHOWN_SLOPES]
@@ -100,8 +101,8 @@ def _slopes(check: Check) -> Text:
 def _spread(check: Check) -> Text:
     """Return the range of U with changed inputs, and the change that gives the largest U.
 
-    Changes without a value are left out. If a change makes U infinite, return the least U and up to three of
-    the changes that make it infinite. If U is infinite even with unchanged inputs, return the least U only.
+    Changes for which U has no value are left out. If changes make U infinite, return the least U and up to
+    three of these changes. If U is infinite even with unchanged inputs, return only the least U.
     """
     if not check.spread:
         return "not computed"
