@@ -1,4 +1,5 @@
-"""The least and the largest axial force N in the joints over a scene. (F8) is in docs/forces.md."""
+"""The least and the largest axial force N in the joints over a scene (one podium under one excitation). (F8)
+is in docs/forces.md."""
 
 from __future__ import annotations
 
@@ -24,9 +25,9 @@ Pairs = tuple[tuple[Value, Value], ...]  # largest −N/(m_c g) and largest N/(m
 @dataclasses.dataclass(frozen=True)
 class AxialForce(AbstractJointOutput):
     """The least and the largest axial force N/(m_c g) at the bottom and the top joint, over time and over all
-    columns, (F8) [–], with the mass m_c of a column; compression is positive. If the podium has no
-    `elevation`, only the mean force of the columns is known and used. If the least force is negative, a joint
-    would open, and the model no longer holds.
+    columns, (F8) [–]. m_c is the mass of a column; compression is positive. Without an `elevation` of the
+    podium, N is the mean of all columns. If the least force is negative, a joint would open, and the model no
+    longer holds.
 
     The accumulator (the value up to the present time) contains the largest −N/(m_c g) and the largest
     N/(m_c g) of each joint.
@@ -77,15 +78,15 @@ class AxialForce(AbstractJointOutput):
 
     def answer(self, ended: Ended, accumulator: Pairs, note: Any) -> dict[str, Any]:
         tension, compression = (self.nan_if_weightless(ended, y) for y in zip(*accumulator, strict=True))
-        # The least force is not −`tension`, which would be −0 for a force of 0.
+        # `-tension` would be −0 for a force of 0.
         return {"least_axial_force": 0.0 - tension, "peak_axial_force": compression}
 
 
 @dataclasses.dataclass(frozen=True)
 class Unloading(AxialForce):
     """The largest loss of axial force 1 − N/N_0 at the bottom and the top joint, over time and over all
-    columns [–], for design targets and limit states. N_0 is the mean axial force of the columns at rest. If
-    the loss exceeds 1, a joint would open. The answer is 0 at a joint with N_0 = 0.
+    columns [–]. N_0 is the mean axial force of the columns at rest. If the loss exceeds 1, a joint would
+    open. The answer is 0 at a joint with N_0 = 0. Design targets and limit states use this output.
     """
 
     name = "unloading"

@@ -1,5 +1,10 @@
-"""The base classes of outputs: names, units, and the methods that update an accumulator (the value up to the
-present time) during a scene."""
+"""The base classes of outputs.
+
+An output computes one or more answers of a scene (one podium under one excitation), such as the peak
+rotation. The accumulator of an output holds the value up to the present time. Methods of the output update
+the accumulator after each step, and in parts of the scene that are skipped without steps. A rigid podium is a
+podium with a rigid superstructure or none.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +22,8 @@ from rockjax._types import Flag, Values
 
 from .views import Bounces, Ended, Impact, Moment, Rest, Sample, Start, Step, StepEnd
 
-# Axes of answers. Stories are numbered from 1 at the bottom, modes from 1; joints have names.
+# Names of the axes of answers. Stories and modes are numbered from 1, stories from the bottom. Joints have
+# names.
 MODES, STORIES, JOINTS = "vibration_mode", "story", "joint"
 JOINT_NAMES = ("bottom", "top")
 
@@ -27,9 +33,11 @@ class Variable(NamedTuple):
 
     - `name`, `unit`, `description`, `symbol`: texts for datasets and for the axes of pictures
     - `axis`: None for a scalar, or the name of the answer's axis: `"vibration_mode"`, `"story"` or `"joint"`
-    - `sensitive`: whether batches can compute the sensitivities of the answer
-    - `estimated`: whether the output `"errors"` estimates the error of the answer
-    - `until_overturning`: whether the answer of a scene that overturns covers only the time until then
+    - `sensitive`: whether batches can compute the sensitivities of the answer (its derivatives with respect
+      to parameters)
+    - `estimated`: whether the error of the answer is estimated if the output `"errors"` is requested
+    - `until_overturning`: whether the answer of a scene that overturns covers only the time before
+      overturning
     """
 
     name: str
@@ -43,8 +51,8 @@ class Variable(NamedTuple):
 
 
 def worst_component(name: str, values: np.ndarray) -> np.ndarray:
-    """Return the worst value over the modes, stories or joints of an answer, (n,): the least value if the
-    name of the answer starts with "least", else the largest.
+    """Return the worst value over the modes, stories or joints of an answer, shape (n,). The worst value is
+    the least one if the name of the answer starts with "least", else the largest one.
 
     - `name`: name of the answer
     - `values`: answers of n scenes, (n,), or (n, m) with m modes, stories or joints
@@ -56,7 +64,8 @@ def worst_component(name: str, values: np.ndarray) -> np.ndarray:
 
 @dataclasses.dataclass(frozen=True)
 class AbstractOutput:
-    """An output of a scene. Subclass it, set the class attributes, and define `quantity`:
+    """An output of a scene. To define an output, subclass this class, set the class attributes, and define
+    the method `quantity`:
 
         class PeakBeamSpeed(rockjax.AbstractOutput):
             name, unit, description = "peak_beam_speed", "m s-1", "peak speed of the beam"
@@ -65,23 +74,30 @@ class AbstractOutput:
                 psi = moment.sigma * moment.c.alpha - moment.x[0]
                 return moment.c.two_R * moment.v[0] * jnp.cos(psi)
 
-    and pass it in `Options(outputs=("peak_rotation", PeakBeamSpeed()))`. In this example, the quantity is the
-    horizontal velocity 2R θ̇ cos ψ of the beam relative to the ground, with ψ = σα − θ. The answer is the
-    largest absolute value of the quantity in the scene, and can be differentiated. Override `over_step`,
-    `at_impact`, `update` or `answer` for other forms of answers. Override further methods to save time. A
-    scene ends early if `is_final` returns True for every output. Parts of a scene can be skipped only if
-    every output overrides the method for them: `over_rest` for rests (full contact of a rigid podium),
-    `over_sample` for samples of the ground motion, `over_bounces` for bounces.
+    Request the output with `Options(outputs=("peak_rotation", PeakBeamSpeed()))`. In this example, the
+    quantity is the horizontal velocity 2R θ̇ cos ψ of the beam relative to the ground, with ψ = σα − θ. The
+    answer is the largest absolute value of the quantity in the scene. It can be differentiated. For other
+    forms of answers, override `over_step`, `at_impact`, `update` or `answer`.
+
+    Further methods save time:
+
+    - `is_final`: a scene may end early only if this method returns True for every output; by default it
+      returns False
+    - `over_rest`, `over_sample`, `over_bounces`: rests (full contact of a rigid podium), sampling intervals
+      of a record, and bounces after an impact at low speed are skipped only if every output overrides the
+      method for them
+
+    Class attributes:
 
     - `name`: name in `Options.outputs` and of the answer
     - `unit`, `description`, `symbol`, `axis`, `sensitive`, `estimated`, `until_overturning`: properties of
-      the answer, as in [`rockjax.Variable`][]; an output with several answers lists them in `variables`
+      the answer, as in [`rockjax.Variable`][]; an output with several answers overrides `variables` instead
     - `by_default`: whether the output is requested by default
     - `needs_flat`: whether the output requires `Options(engine="flat")`, the default
     - `follows_impacts`: whether the output needs every impact, however slow
     - `of_joints`: whether the output needs the constants of the joints, `moment.c.joints`
-    - `needs_simple_contact`: whether no part of a scene may be skipped if there are restrainers or vertical
-      ground motion
+    - `needs_simple_contact`: whether `over_rest`, `over_sample` and `over_bounces` are valid only without
+      restrainers and without vertical ground motion; if True, no part of other scenes is skipped
     """
 
     name: ClassVar[str]
@@ -110,24 +126,26 @@ class AbstractOutput:
         return True
 
     def of(self, podium: Podium) -> AbstractOutput:
-        """Return this output for a podium, with those attributes set that depend on the structure."""
+        """Return this output for a podium. An output with attributes that depend on the podium returns a copy
+        in which they are set."""
         del podium
         return self
 
     def for_limit(self, limit: float) -> tuple[AbstractOutput, float]:
         """Return the output that a design target with this limit uses instead of this output, and the limit
-        of that output. Override this method for answers that can be infinite."""
+        on that output; by default the same output and limit. Override this method for answers that can be
+        infinite."""
         return self, limit
 
     # ------------------------------------------------------------------------------------- following a scene
     def quantity(self, moment: Moment) -> Values:
-        """Return the quantity at a moment: a scalar, or an array of shape (k,)."""
+        """Return the quantity at a moment: a scalar, or an array of shape (k,) for k values."""
         raise NotImplementedError(f"{type(self).__name__}: define the method `quantity`")
 
     def start(self, start: Start) -> tuple[Any, Any]:
         """Return the accumulator (the value up to the present time) and the note (further data, such as the
-        time of a peak) at the start of a scene; either may be None. Batches compute derivatives of
-        accumulators, not of notes."""
+        time of a peak) at the start of a scene. Each may be None. Batches compute derivatives of
+        accumulators, but not of notes."""
         shape = jax.eval_shape(lambda: self.quantity(start.moment()))
         return jnp.zeros(shape.shape, shape.dtype), None
 
@@ -137,14 +155,13 @@ class AbstractOutput:
         return step.largest(step.course(self.quantity), accumulator)
 
     def at_impact(self, impact: Impact) -> Any:
-        """Return the value at an impact of a quantity that exists only at impacts; None for other
-        quantities."""
+        """Return the quantity at an impact if it exists only at impacts, else None."""
         del impact
         return None
 
     def update(self, end: StepEnd, accumulator: Any, note: Any, largest: Any) -> tuple[Any, Any]:
-        """Return the accumulator and the note after an accepted step. `largest` is the value of the maximum
-        that `over_step` returned, or None if `over_step` returned None."""
+        """Return the accumulator and the note after an accepted step. `largest` is the field `value` of the
+        maximum that `over_step` returned, or None if `over_step` returned None."""
         if largest is not None:
             accumulator = jax.tree.map(larger, largest, accumulator)
         value = self.at_impact(end.impact)
@@ -193,9 +210,9 @@ class AbstractOutput:
 
 
 class AbstractEventOutput(AbstractOutput):
-    """An output whose accumulator changes only at turning points of the rotation and at events. The
-    accumulator stays the same in full contact of a rigid podium, and in a sampling interval with monotone
-    rotation."""
+    """An output whose accumulator changes only at turning points of the rotation and at events (uplift,
+    impact, overturning). The accumulator stays the same in full contact of a rigid podium, and in a sampling
+    interval with monotone rotation."""
 
     def over_rest(self, rest: Rest, accumulator: Any) -> Any:
         del rest

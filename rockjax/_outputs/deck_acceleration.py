@@ -1,5 +1,5 @@
-"""The largest absolute horizontal acceleration of the deck. (L1) is in docs/floors.md, Eq. (24) in
-docs/model.md."""
+"""The largest absolute horizontal acceleration of the deck in a scene (one podium under one excitation). (L1)
+is in docs/floors.md, Eq. (24) in docs/model.md."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from .views import Bounces, Ended, Moment, Rest, Sample, Start, Step, deck_accel
 
 @dataclasses.dataclass(frozen=True)
 class PeakDeckAcceleration(AbstractOutput):
-    """The peak absolute horizontal acceleration of the deck (the beam) sup|a_b|, (L1) [m/s²]. The peak
+    """The peak absolute horizontal acceleration sup|a_b| of the deck (the beam), (L1) [m/s²]. The peak
     includes the values just before and just after events, but not the impulses of impacts. A rigid
     superstructure moves with the deck.
 
-    `is_final` uses the bound |ü_g| + 2R(|θ̈| + θ̇²|sin ψ|) of |a_b| (`Bounds.beam`), with ψ = σα − θ. The
-    energy limits θ̇² and the spring forces, and by Eq. (24) also θ̈.
+    `is_final` compares the peak with `Bounds.beam`, a bound on |ü_g| + 2R(|θ̈| + θ̇²|sin ψ|) ≥ |a_b| with
+    ψ = σα − θ. The energy bounds θ̇² and the spring forces. By Eq. (24) these also bound θ̈.
     """
 
     name = "peak_deck_acceleration"

@@ -1,4 +1,4 @@
-"""The largest deformation of each mode of the superstructure."""
+"""The largest deformation of each mode of the superstructure in a scene (one podium under one excitation)."""
 
 from __future__ import annotations
 
@@ -18,8 +18,9 @@ from .views import Ended, Moment, Start, Step
 
 @dataclasses.dataclass(frozen=True)
 class PeakDeformation(AbstractOutput):
-    """The peak deformation of the superstructure, max|u_t − u_b|, with the displacements u_t of its top mass
-    and u_b of the beam [m]; for several modes, the peak of each modal deformation."""
+    """The peak deformation max|u_t − u_b| of the superstructure [m], with the displacement u_t of its top
+    mass and the displacement u_b of the beam. For several modes, the answer is the peak deformation of each
+    mode."""
 
     name = "peak_deformation"
     unit = "m"

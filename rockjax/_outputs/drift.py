@@ -1,4 +1,4 @@
-"""The largest drift of each story of a building."""
+"""The largest drift of each story of a building in a scene (one podium under one excitation)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ from .views import Ended, Moment, Start, Step
 
 @dataclasses.dataclass(frozen=True)
 class PeakDrift(AbstractStoryOutput):
-    """The peak drift of each story of a building [m]."""
+    """The peak drift of each story of a building, the displacement of the floor above the story relative to
+    the floor below it [m]."""
 
     name = "peak_drift"
     unit = "m"
@@ -51,8 +52,9 @@ class PeakDrift(AbstractStoryOutput):
 
 
 def drift_weights(floors: Values) -> Values:
-    """Return the weights Γ_i(φ_ji − φ_{j−1,i}) of each story j and mode i, with φ_0i = 0, shape (stories,
-    modes). The drift of story j is Σ weight · deformation over the modes, (C11) of docs/modes.md.
+    """Return the weight Γ_i(φ_ji − φ_{j−1,i}) of each mode i in each story j, with φ_0i = 0, shape (stories,
+    modes). The drift of story j is the sum of weight times deformation over the modes, (C11) of
+    docs/modes.md.
 
     - `floors`: Γ_iφ_ji, where Γ_i is the participation factor and φ_ji the shape of mode i at floor j, shape
       (stories, modes)

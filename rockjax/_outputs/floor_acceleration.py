@@ -1,5 +1,5 @@
-"""The largest absolute horizontal acceleration of each floor of a building. (L2) and (L3) are in
-docs/floors.md."""
+"""The largest absolute horizontal acceleration of each floor of a building in a scene (one podium under one
+excitation). (L2) and (L3) are in docs/floors.md."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from .views import Bounces, Ended, Moment, Rest, Sample, Start, Step, deck_accel
 @dataclasses.dataclass(frozen=True)
 class PeakFloorAcceleration(AbstractStoryOutput):
     """The peak absolute horizontal acceleration of each floor of a building [m/s²]. All floors of a rigid
-    building have the acceleration of the beam, whose peak is g times the output `PeakShear`.
+    building move with the beam, so their peak is g times the answer of `PeakShear`.
 
-    If modes are omitted, the velocity of floor j jumps at an impact. The jump is the fraction 1 − Σ_i W_i of
-    the velocity jump of the deck (the beam), with the weights W_i = Γ_iφ_ji of the included modes, (L2),
-    (L3). This output ignores these velocity jumps.
+    If the model of the building omits modes, the velocity of floor j jumps at an impact. The jump is the
+    fraction 1 − Σ_i W_i of the velocity jump of the deck (the beam), with the weights W_i = Γ_iφ_ji of the
+    included modes, (L2), (L3). The peak does not include the impulses of these jumps.
     """
 
     name = "peak_floor_acceleration"
@@ -73,4 +73,4 @@ class PeakFloorAcceleration(AbstractStoryOutput):
         )
 
 
-_BEAM = PeakShear()  # for a rigid building, the acceleration of the beam divided by g
+_BEAM = PeakShear()  # the shear of a rigid building, equal to the acceleration of the beam divided by g

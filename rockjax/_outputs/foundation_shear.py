@@ -1,4 +1,5 @@
-"""The largest horizontal force V on the foundation over a scene. (F5) is in docs/equations.md."""
+"""The largest horizontal force V on the foundation in a scene (one podium under one excitation). (F5) is in
+docs/equations.md."""
 
 from __future__ import annotations
 
@@ -21,7 +22,8 @@ from .views import Ended, Rest, Sample, Start, Step
 
 @dataclasses.dataclass(frozen=True)
 class PeakFoundationShear(AbstractForceOutput):
-    """The peak shear on the foundation divided by the total weight W_0, max|V|/W_0, (F5) [–]."""
+    """The peak shear on the foundation divided by the total weight W_0 of the structure, max|V|/W_0, (F5)
+    [–]."""
 
     name = "peak_foundation_shear"
     unit = "1"

@@ -1,7 +1,8 @@
-"""The friction demand of the joints: the largest |T|/N over a scene.
+"""The friction demand of the joints: the largest |T|/N in a scene (one podium under one excitation).
 
-T and N are the horizontal and the vertical force in a joint. The "steeper" of two forces is the one with the
-larger angle from the vertical, atan2(|T|, N). (F9) and (F11) are in docs/equations.md.
+T and N are the horizontal and the vertical force in a joint, per column and divided by the mass m_c of a
+column [m/s²]; compression is positive. The "steeper" of two forces is the one with the larger angle from the
+vertical, atan2(|T|, N). (F9) and (F11) are in docs/equations.md.
 """
 
 from __future__ import annotations
@@ -31,9 +32,9 @@ Forces = tuple[Force, Force]
 
 
 def _interior_maximum(tangential: Quartic, axial: Quartic, reference: Force) -> tuple[Value, Flag]:
-    """Return the position z of the maximum of T·N_0 − T_0·N inside a step, 0 < z < 1, and whether there is
-    one. (T_0, N_0) is the force `reference`. Where the difference is positive, (T, N) is steeper than
-    (T_0, N_0)."""
+    """Return the position z of the maximum of T·N_0 − T_0·N inside a step, and whether there is one. (T_0,
+    N_0) is the force `reference`. Where the difference is positive, (T, N) is steeper than (T_0, N_0). The
+    position z ∈ (0, 1) is the time since the start of the step divided by the length of the step."""
     difference = Quartic(
         *[reference.axial * t - reference.size * n for t, n in zip(tangential, axial, strict=True)]
     )
@@ -55,25 +56,27 @@ def steepest(tangential: Course, axial: Course, span: Span, accumulator: Force) 
     - `span`: times of the step
     - `accumulator`: steepest force so far
 
-    Let (T_0, N_0) be the steepest of the `accumulator`, with |T| reduced by 1 %, and the forces at both ends.
-    If a force inside the step is steeper, T·N_0 − T_0·N is positive there, and its maximum is searched for. A
-    second search takes the force at this maximum as (T_0, N_0), because such searches converge quadratically
-    to the steepest force (Dinkelbach's method). The function returns the force at the second maximum. The
-    next trial ends there, unless this maximum is close to an end of the step.
+    The reference force (T_0, N_0) is the steepest of three forces: the forces at both ends of the step, and
+    `accumulator` with |T| reduced by 1 %. A force inside the step is steeper where T·N_0 − T_0·N is positive.
+    The function finds the maximum of this difference, takes the force there as the new (T_0, N_0), and finds
+    the maximum again. Such searches converge quadratically to the steepest force (Dinkelbach's method), so
+    two suffice. The next trial ends at the maximum, unless the maximum is close to an end of the step. If no
+    force inside the step is steeper than the reference force, the result is the steeper force at an end.
     """
     constant, h = jax.lax.stop_gradient, span.h
 
     def end(k: int) -> tuple[Value, Value]:
         """Return T and N at the event or breakpoint at the start (`k` = 0) or the end (`k` = 1) of the step.
-        If the angle has an extremum within rounding of this time, return T and N at the extremum."""
+        If the angle of the force has an extremum here up to rounding, return T and N at the extremum."""
         jets = []
         for course in (tangential, axial):
             value, rate = course[1 + k]
             mean = safe_ratio(course.end[1] - course.start[1], h, h > 0)
             at_end = safe_ratio(course.path.curvature(jnp.full_like(h, float(k))), h * h, h > 0)
             jets.append((value, rate, jnp.where(span.long, at_end, mean)))
-        # The angle has its extremum where T·N_0 − T_0·N has one, with the values T_0 and N_0 at this end. A
-        # small error in the time of the extremum hardly changes the angle, but it does change its derivative.
+        # Let T_0 and N_0 be T and N at this end. Close to this end, the angle has an extremum where
+        # T·N_0 − T_0·N has one. A small error in the time of the extremum hardly changes the angle, but
+        # changes the derivative of the angle with respect to parameters.
         (t, *t_jet), (n, *n_jet) = constant(jets)
         rate, curvature = (a * n - t * b for a, b in zip(t_jet, n_jet, strict=True))
         to_extremum = -safe_ratio(rate, curvature, curvature != 0)
@@ -105,7 +108,7 @@ def steepest(tangential: Course, axial: Course, span: Span, accumulator: Force) 
     refined, is_refined = _interior_maximum(*fixed, found)
     z = barrier(jnp.where(exists & is_refined & found.is_steeper(reference), refined, z))
     # If T changes its sign in the step, T at z may have the sign opposite to `side`. The angle from the
-    # vertical is then smaller than expected, so it is compared once more.
+    # vertical is then smaller than expected, so the force is compared with the reference force once more.
     found = force_at(z, paths)
     found = found._replace(size=jnp.abs(found.size))
     left, right = found.size * reference.axial, reference.size * found.axial
@@ -119,10 +122,10 @@ def steepest(tangential: Course, axial: Course, span: Span, accumulator: Force) 
 @dataclasses.dataclass(frozen=True)
 class PeakFriction(AbstractJointOutput):
     """The largest friction demand max(|T|/N) at the bottom and the top joint, over time and over all columns,
-    (F9), (F11); inf if a joint is in tension.
+    (F9), (F11) [–]; inf if a joint is in tension.
 
-    The accumulator (the value so far) is the steepest force at each joint. Unlike |T|/N, the angle from the
-    vertical is smooth at N = 0.
+    The accumulator (the value so far) is the steepest force at each joint, not the largest |T|/N, because the
+    angle of a force from the vertical is smooth at N = 0.
     """
 
     name = "peak_friction"
@@ -151,8 +154,8 @@ class PeakFriction(AbstractJointOutput):
         return Maximum(tuple(values), fraction)
 
     def over_rest(self, rest: Rest, accumulator: Forces) -> Forces:
-        # Without restrainers, |T|/N = |ü_g|/g in full contact if N > 0, and N is linear in ü_g. The steepest
-        # force is therefore that at the least or the largest ü_g.
+        # Without restrainers, |T|/N = |ü_g|/g in full contact if N > 0, and N is linear in ü_g. The force is
+        # therefore steepest at the least or at the largest ü_g.
         for forces in over_rest(rest):
             worst = []
             for force, *joint in zip(accumulator, forces.tangential, forces.axial, strict=True):
@@ -185,11 +188,11 @@ class PeakFriction(AbstractJointOutput):
 @dataclasses.dataclass(frozen=True)
 class FrictionUse(AbstractJointOutput):
     """The largest use of friction 1 − (μN − |T|)/(μN_0) at the bottom and the top joint, over time and over
-    all columns [–]. N_0 is the axial force of the mean column under dead load. At a use above 1, the joint
-    would slide. The answer is 0 at a joint without dead load. Design targets use this output instead of
-    |T|/N, because it is smooth where a joint would open.
+    all columns [–]. N_0 is the axial force of the mean column under dead load. If the use exceeds 1, the
+    joint would slide. The answer is 0 at a joint without dead load. Design targets use this output instead of
+    |T|/N, because the use of friction is smooth at N = 0.
 
-    The accumulator contains the largest |T| − μN of each joint [m/s²].
+    The accumulator (the value so far) is the largest |T| − μN of each joint [m/s²].
 
     - `limit`: friction coefficient μ [–]
     """

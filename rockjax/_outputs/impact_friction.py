@@ -1,7 +1,8 @@
-"""Friction demand and lift-off of the joints at impacts.
+"""Friction demand and lift-off of the joints at the impacts of a scene (one podium under one excitation).
 
-J_T and J_N are the horizontal and the vertical (axial) impulse in a joint, and |θ̇⁻| is the angular speed of
-the columns just before the impact. (F12) is in docs/forces.md, (F14) in docs/equations.md.
+J_T and J_N are the horizontal and the vertical (axial) impulse in a joint, m_c is the mass of a column, and
+|θ̇⁻| is the angular speed of the columns just before the impact. (F12) is in docs/forces.md, (F14) in
+docs/equations.md.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ ROUNDING = 1e-12  # relative differences below this are rounding
 
 def _impulse_gradient(c: Coefficients, sway: Value | float) -> Value:
     """Return the difference between the axial impulses of two columns, divided by m_c, by |θ̇⁻| and by the
-    distance between the columns, (F14) [–]. Before the impact the contact mode is σ = 1.
+    distance between the columns, (F14) [–], at an impact from the contact mode σ = 1.
 
     - `sway`: Σ η_id_i over the modes i, with their mass ratios η_i and deformations d_i [m]
     """
@@ -43,14 +44,18 @@ def _impulse_gradient(c: Coefficients, sway: Value | float) -> Value:
 
 @dataclasses.dataclass(frozen=True)
 class ImpactFriction(AbstractJointOutput, AbstractEventOutput):
-    """The largest friction demand max(|J_T|/J_N) at impacts, and the least J_N of a column divided by the
-    mean J_N of all columns, at the bottom and the top joint, over all impacts and all columns, (F12), (F14).
+    """The friction demand and the lift-off at impacts, (F12), (F14), at the bottom and the top joint [–].
 
-    Let x_i be the position of a column relative to the mean of all columns. At an impact from σ = 1, its
-    axial impulse divided by m_c |θ̇⁻| differs from the mean by x_i times the gradient `_impulse_gradient`. An
-    impact from σ = −1 is the mirror image: the sway and the gradient change their signs. All answers are
-    monotone in the gradient. The accumulator (the value up to the present time) contains the largest gradient
-    and the largest negative of the gradient; both are −inf before the first impact.
+    The first answer is the largest |J_T|/J_N over all impacts and columns, or 0 without impacts. The second
+    answer is the least ratio of the J_N of a column to the mean J_N of all columns, or 1 without impacts. If
+    this ratio is negative, a joint would open.
+
+    At an impact from σ = 1, the axial impulse J_N/(m_c |θ̇⁻|) of column i differs from the mean of all columns
+    by x_i times the gradient `_impulse_gradient`, where x_i is the position of the column relative to the
+    mean position. An impact from σ = −1 is the mirror image: the sway and the gradient change their signs.
+    All answers are monotone in the gradient. The accumulator (the value up to the present time) therefore
+    contains the largest gradient, and the largest value of the gradient times −1. Both are −inf before the
+    first impact.
     """
 
     name = "impact_friction"
@@ -124,7 +129,7 @@ def _is_unchanged(c: Coefficients, sway: Value | float, accumulator: Extremes) -
     """Return whether no impact with |Σ η_id_i| up to `sway` [m] can change the answers."""
     largest, negative = jax.lax.stop_gradient(accumulator)
     ends = end_offsets(c)
-    if ends is None:  # all impacts have the same ratios
+    if ends is None:  # without an elevation, all impacts have the same answers
         return largest > -jnp.inf
     bound = jax.lax.stop_gradient(
         jnp.maximum(jnp.abs(_impulse_gradient(c, sway)), jnp.abs(_impulse_gradient(c, -sway)))

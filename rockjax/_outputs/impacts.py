@@ -1,4 +1,5 @@
-"""The outputs "impacts" and "errors": the count of impacts until rest, and a weighted sum over impacts."""
+"""The outputs "impacts" and "errors" of a scene (one podium under one excitation): the number of impacts
+until rest, and a weighted sum over impacts."""
 
 from __future__ import annotations
 
@@ -18,9 +19,9 @@ from .views import Ended, Start, StepEnd
 
 @dataclasses.dataclass(frozen=True)
 class Impacts(AbstractInternalOutput):
-    """The output "impacts", which makes a scene continue, and count impacts, until the columns rest for good
-    or overturn, or until the end time. Without this output, a scene ends as soon as all other outputs are
-    final."""
+    """The output "impacts". With this output, a scene continues and counts impacts until the columns rest for
+    good or overturn, or until the end time. Without this output, a scene ends as soon as all other outputs
+    are final."""
 
     name = "impacts"
     follows_impacts = True
@@ -40,8 +41,9 @@ class Energetic(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class EnergeticImpacts(AbstractInternalOutput):
-    """The output "errors": the weighted sum `Energetic` over impacts. Two solutions of a chaotic scene with
-    different tolerances have different sums, by which the estimate of errors recognises such scenes."""
+    """The output "errors": the weighted sum `Energetic` over impacts. Errors are estimated from two solutions
+    of a scene with different tolerances. In a chaotic scene the sums of the two solutions differ, and the
+    scene is reported as undecided."""
 
     name = "errors"
     needs_flat = True
@@ -66,8 +68,8 @@ class EnergeticImpacts(AbstractInternalOutput):
         return True
 
     def answer(self, ended: Ended, accumulator: None, note: Energetic) -> dict[str, Any]:
-        # `fall` is θ̇² at the overturning angle, a measure of the energy left there. `fall_time` is the
-        # dimensionless time of overturning.
+        # `fall` is θ̇² at the overturning angle [rad²/s²], a measure of the kinetic energy there. `fall_time`
+        # is the time of overturning multiplied by p [–].
         overturned = ended.code == results.OVERTURNED
         return {
             "energetic": note.total,

@@ -1,4 +1,4 @@
-"""The number of impacts before the largest rotation."""
+"""The number of impacts before the largest rotation of a scene (one podium under one excitation)."""
 
 from __future__ import annotations
 

@@ -1,9 +1,12 @@
-"""Bounds on forces in the joints, from bounds on the remaining motion of a scene.
+"""Bounds on forces in the joints, from bounds on the remaining motion of a scene (one podium under one
+excitation).
 
 T and N are the horizontal and the vertical force in a joint, and V is the horizontal force on the foundation.
-Forces are per column and divided by m_c [m/s²], as in `joint_forces`. While the columns rock, the bounds are
-written for the contact mode σ = 1; rocking with σ = −1 is the mirror image. Equations without a letter are
-those of docs/model.md; (F…) are in docs/forces.md and docs/equations.md.
+Forces are per column and divided by the mass m_c of a column [m/s²], as in `joint_forces`. The bounds on
+forces of rocking columns are written for the contact mode σ = 1; rocking with σ = −1 is the mirror image.
+F_i is the force of spring and damper of mode i divided by the modal mass [m/s²], and d_i is the deformation
+of mode i [m]. Equations without a letter are those of docs/model.md; (F…) are in docs/forces.md and
+docs/equations.md.
 """
 
 from __future__ import annotations
@@ -40,10 +43,10 @@ def _sum(*terms: tuple[Value | float, tuple[Value | float, Value | float]]) -> S
 
 
 class Devices(NamedTuple):
-    """Bounds on the sum of the forces of those restrainers that span the same joints [m/s²]."""
+    """Bounds on the sum of the forces of a group of restrainers [m/s²]."""
 
     least: Value
-    least_vertical: Value  # lower bound of the vertical component, which is the force times cos(θ/2)
+    least_vertical: Value  # lower bound on the vertical component of the sum, which is the sum times cos(θ/2)
     largest: Value
 
 
@@ -69,16 +72,16 @@ class Rotation(NamedTuple):
 class JointBounds:
     """Bounds on joint forces, from bounds on the motion.
 
-    A force is a sum of terms with θ̈, θ̇², the ground acceleration, the spring forces F_i and the deformations
-    d_i of the modes. θ̈ follows from Eq. (24), which also contains the F_i, so the terms with F_i are
-    collected before they are bounded. One bound limits the sum of the energies of rotation and vibration.
+    A force is a sum of terms with θ̈, θ̇², the ground acceleration, the F_i and the d_i. Eq. (24) replaces θ̈ by
+    the other quantities. All terms with F_i are then bounded together, and the energy of the scene bounds the
+    sum of the energies of rotation and vibration.
 
     - `c`: constants of the podium
     - `ground`, `vertical`: bounds on |ü_g| and |v̈_g| [m/s²]
     - `eccentricity`: bound on |χ|, the distance of the joint forces from the centre line of a column divided
-      by half its width; 1 while the columns rock [–]
+      by half the width of a column [–]; 1 unless the columns rest for good
     - `rotation`: bounds on the rotation
-    - `bounds`: bounds on the motion, from which those on the modes follow; None for a rigid podium
+    - `bounds`: bounds on the motion, including the vibration; None for a rigid podium
     """
 
     def __init__(
@@ -93,11 +96,11 @@ class JointBounds:
         self.c, self.joints = c, not_none(c.joints)
         self.ground, self.vertical, self.eccentricity = ground, vertical, eccentricity
         self.rotation, self.bounds = rotation, bounds
-        # Sine and cosine of the largest |ψ|, which exceeds α only if there are restrainers.
+        # Sine and cosine of the largest |ψ|, which can exceed α only with restrainers.
         self.sin = c.sin_alpha if c.restraint is None else jnp.maximum(-rotation.sin[0], rotation.sin[1])
         self.cos = rotation.cos[0]
-        # Bounds on θ̈, which is zero in full contact, and on v̈_b, the vertical acceleration of the beam by
-        # Eq. (15).
+        # Bounds on θ̈, including θ̈ = 0 of full contact. The bounds on the vertical acceleration v̈_b of the
+        # beam follow by Eq. (15).
         turning = self._turning_for(rotation)
         self._turning = turning = jnp.minimum(turning[0], 0.0), jnp.maximum(turning[1], 0.0)
         drop = rotation.speed_squared * rotation.cos[1]
@@ -152,7 +155,7 @@ class JointBounds:
         return cls(c, bounces.ground, 0.0, one, rotation, None)
 
     def _turning_for(self, rotation: Rotation) -> Span:
-        """Bound θ̈ [1/s²]."""
+        """Bound θ̈ for given bounds on the rotation [rad/s²]."""
         zero, one = jnp.zeros_like(self.c.alpha), jnp.ones_like(self.c.alpha)
         return self._extremes(rotation, 0.0, (one, one), (zero, zero), 0.0)
 
@@ -166,14 +169,16 @@ class JointBounds:
         modal: Values | float = 0.0,
         sway: Value | float = 0.0,
     ) -> Span:
-        """Bound a·(g + v̈_g) + n θ̈ − z θ̇² + b ü_g + Σ w_iF_i + k Σ η_id_i while the columns rock. The sums are
-        over the modes i.
+        """Bound a·(g + v̈_g) + n θ̈ − z θ̇² + b ü_g + Σ w_iF_i + k Σ η_id_i [m/s²] while the columns rock. The
+        sums are over the modes i, and η_i is the mass ratio of mode i.
 
         - `rotation`: bounds on the rotation
-        - `axial`, `push`: a and b; `turning`, `centripetal`: bounds on n and z
+        - `axial`: a
+        - `turning`, `centripetal`: bounds on n and z
+        - `push`: b
         - `modal`, `sway`: w_i and k
 
-        By Eq. (24) θ̈ itself is a sum of such terms.
+        Eq. (24) replaces θ̈ by terms with the other quantities.
         """
         c, (_, sin, cos, speed_squared, flexibility, resisting) = self.c, rotation
         moment = _product(turning, flexibility)
@@ -199,7 +204,8 @@ class JointBounds:
     def _extremes_in_contact(
         self, axial: Value, push: Value | float, modal: Values | float, sway: Value | float
     ) -> Span:
-        """Bound a·(g + v̈_g) + b ü_g + Σ w_iF_i + k Σ η_id_i in full contact; arguments as for `_extremes`."""
+        """Bound a·(g + v̈_g) + b ü_g + Σ w_iF_i + k Σ η_id_i in full contact, with a, b, w_i and k as for
+        `_extremes`."""
         c, others = self.c, jnp.abs(push) * self.ground
         if c.vibration is not None:
             modes, zero = c.vibration, jnp.zeros_like(c.etas)
@@ -214,11 +220,16 @@ class JointBounds:
         """Bound |Σ (w_i + u η_i) F_i| + |k Σ η_id_i| + r θ̇² for two values of r; r < 0 counts as 0.
 
         - `rotation`: bounds on the rotation
-        - `modal`, `sway`: w_i and k; `turned`: bounds on u; `rates`: both values of r
+        - `modal`, `sway`: w_i and k
+        - `turned`: bounds on u
+        - `rates`: both values of r
 
-        The bound has the form P m + Q y + (r/`spin`) y², with m² = Σ η_i(u̇_i² + ω_i²d_i²) and y² = `spin`·θ̇².
-        `by_modes` is Pρ, and `by_beam` is Qρ. The energy E limits m² + y² ≤ 2E = ρ². With y = sρ, 0 ≤ s ≤ 1,
-        the bound is at most Pρ + Qρ s + (rρ²/`spin` − ½Pρ) s².
+        Let m² = Σ η_i(u̇_i² + ω_i²d_i²) and y² = J θ̇², where J is `Coefficients.spin`. The expression is at
+        most P m + Q y + r y²/J. The term with P bounds the effect of the modes, and the term with Q that of
+        the beam, which moves one end of each damper. The bound E on the energy gives m² + y² ≤ 2E = ρ². For
+        y = sρ with 0 ≤ s ≤ 1, m ≤ ρ√(1 − s²) ≤ ρ(1 − ½s²). The expression is therefore at most
+        Pρ + Qρ s + (rρ²/J − ½Pρ) s². The function returns the largest value of this parabola for s from 0 to
+        1. `by_modes` is Pρ, and `by_beam` is Qρ.
         """
         c, bounds = self.c, not_none(self.bounds)
         modes: Vibration = not_none(c.vibration)
@@ -239,7 +250,8 @@ class JointBounds:
         return bound(rates[0]), bound(rates[1])
 
     def _devices(self, joint_count: int) -> Devices:
-        """Bound the sum of forces of the restrainers that span `joint_count` joints, f_1 or f_2 of (F2)."""
+        """Bound the sum of the forces of the restrainers that span `joint_count` joints (1 or 2), f_1 or f_2
+        of (F2)."""
         c, zero = self.c, jnp.zeros_like(self.c.alpha)
         if c.restraint is None:
             return Devices(zero, zero, zero)
@@ -269,15 +281,15 @@ class JointBounds:
         return self._devices(1)
 
     def _weight(self, share: float) -> Span:
-        """Return lower and upper bounds on g + v̈_g + `share`·v̈_b."""
+        """Return lower and upper bounds on g + v̈_g + `share`·v̈_b [m/s²]."""
         least, most = (self.c.g + share * y for y in self._rise)
         return least - self.vertical, most + self.vertical
 
     @functools.cached_property
     def _top(self) -> Span:
-        """Lower and upper bounds on N at the top joint of all columns [m/s²]. By (F8) the extremes are
-        N_t (1 ± χB/ℓ_p) ± M/ℓ_p at the end columns. N_t is the mean of N, M the overturning moment, B half
-        the width of a column and ℓ_p the core distance."""
+        """Lower and upper bounds on N at the top joint of all columns [m/s²]. The extremes are at the end
+        columns. By (F8) they are N_t (1 ± χB/ℓ_p) ± M/ℓ_p. N_t is the mean of N, M the overturning moment
+        divided by the mass of all columns, B half the width of a column and ℓ_p the core distance."""
         c, arms, devices, rotation = self.c, self.joints.arms, self._over_both, self.rotation
         mass, spans = self.joints.gamma + c.eta, []
         for side in (0.0,) if arms is None else (-1.0, 1.0):
@@ -315,8 +327,9 @@ class JointBounds:
 
     @functools.cached_property
     def foundation_shear(self) -> Value:
-        """Bound on |V| [m/s²], (F5). In full contact, V = ½[ü_g − ξ tan α (N_b + N_t)] by (F10), with the
-        eccentricity ξ (χ in full contact) and N at the bottom and the top joint of the mean column."""
+        """Bound on |V| [m/s²], (F5). In full contact, (F10) also gives V = ½[ü_g − ξ tan α (N_b + N_t)], and
+        the smaller of both bounds holds. ξ is χ in full contact, and N_b and N_t are the axial forces at the
+        bottom and the top joint of the mean column."""
         c, rotation = self.c, self.rotation
         swaying = c.two_R * (0.5 + self.joints.gamma)
         turning = _sum((swaying, rotation.cos))
@@ -338,18 +351,19 @@ class JointBounds:
     def _friction_at(self, joint: int) -> Value:
         """Bound |T|/N of all columns at the bottom (0) or the top joint (1).
 
-        With g_v = g + v̈_g, (F9) without restrainers is |T|/N = |tan ψ − ½X/N| with
-        X = σü_g + g_v tan ψ + (1 − λ)Rσθ̈/cos ψ at the bottom joint, and |T|/N = |tan ψ + ½X/N| with 1 + λ
-        instead of 1 − λ at the top joint.
+        Without restrainers, with g_v = g + v̈_g and σ = 1, (F9) gives
+
+            |T|/N = |tan ψ − ½X/N|,   X = ü_g + g_v tan ψ + (1 − λ)Rθ̈/cos ψ   at the bottom joint,
+            |T|/N = |tan ψ + ½X/N|,   X = ü_g + g_v tan ψ + (1 + λ)Rθ̈/cos ψ   at the top joint.
         """
         c, lam, least, most = self.c, self.joints.lam, self.least_axial[joint], self.most_axial[joint]
         steepest = self.sin / self.cos * self.eccentricity
         lightest, heaviest = c.g - self.vertical, c.g + self.vertical
         arm = 0.5 * c.two_R * (1 + lam if joint else 1 - lam)
-        # The largest demand is at ψ = α if N is at least half the weight of the column.
+        # If N is at least half the weight of the column, the largest demand is at ψ = α.
         is_heavy = least > 0.5 * heaviest
-        # `along` bounds X with the sign that increases |T|/N beyond tan ψ, −X at the bottom joint and X at
-        # the top joint. `opposite` bounds X with the other sign, which may reverse T.
+        # `along` is an upper bound on the term that increases |T|/N beyond tan ψ: −X at the bottom joint, X
+        # at the top joint. `opposite` is an upper bound on −1 times this term, which may reverse T.
         if c.restraint is not None:
             fastest = jnp.maximum(-self._turning[0], self._turning[1])
             forces = [
@@ -377,14 +391,19 @@ class JointBounds:
         return jnp.where(is_closed, demand, jnp.where(carries_nothing, 0.0, jnp.inf))
 
     def _without_weight(self, rotation: Rotation, arm: Value) -> Span:
-        """Bound ü_g + arm·θ̈/cos ψ."""
+        """Bound ü_g + `arm`·θ̈/cos ψ [m/s²], the part of X in `_friction_at` without the weight."""
         turning = _product((arm, arm), (1 / rotation.cos[1], 1 / rotation.cos[0]))
         zero = jnp.zeros_like(self.c.alpha)
         return self._extremes(rotation, 0.0, turning, (zero, zero), 1.0)
 
     def _friction_in_contact(self, joint: int, is_heavy: Flag, least: Value) -> Value:
-        """Bound |T|/N in full contact without restrainers, (F11), if N ≥ `least`. If nothing vibrates,
-        |T|/N = |ü_g|/(g + v̈_g)."""
+        """Bound |T|/N in full contact without restrainers, (F11). If nothing vibrates,
+        |T|/N = |ü_g|/(g + v̈_g).
+
+        - `joint`: 0 for the bottom joint, 1 for the top joint
+        - `is_heavy`: whether N is at least half the largest weight of the column
+        - `least`: lower bound on N [m/s²]
+        """
         c = self.c
         lean = self._contact_eccentricity * c.sin_alpha / c.cos_alpha
         if c.vibration is None:
@@ -403,8 +422,8 @@ class JointBounds:
 
     @functools.cached_property
     def _contact_eccentricity(self) -> Value:
-        """Bound on |ξ| in full contact, (F10). Eq. (24), evaluated at ψ = α and θ̇ = 0, gives 1 − ξ times the
-        θ̈ that the weights alone would cause."""
+        """Bound on |ξ| in full contact, (F10). At ψ = α and θ̇ = 0, Eq. (24) gives 1 − ξ times the (negative)
+        θ̈ that the weights alone would cause. An upper bound on θ̈ of Eq. (24) therefore bounds ξ."""
         c = self.c
         if c.restraint is not None:
             return self.eccentricity

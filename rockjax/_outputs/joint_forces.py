@@ -5,6 +5,9 @@ A force (T, N) acts at a joint on the body above the joint: T horizontally in th
 upwards, so that N > 0 is compression. Forces are per column and divided by m_c [m/s²]. The forces follow from
 the motion and do not affect it. The forces of the mean column are the means of the forces of all columns. In
 the mass N m_c of all columns, N is the number of columns.
+
+Positions x are θ [rad] and, if the superstructure vibrates, its displacement relative to the ground [m], an
+array over the modes if there are several. Velocities v and accelerations a are the derivatives in time of x.
 """
 
 from __future__ import annotations
@@ -25,7 +28,7 @@ from rockjax._types import Value, Values, Vector
 
 
 class DeviceForces(NamedTuple):
-    """Compression of the bottom and the top joint by restrainers, divided by m_c, (F2) [m/s²]."""
+    """Compressive forces of restrainers at the bottom and the top joint, divided by m_c, (F2) [m/s²]."""
 
     bottom: Value | float
     top: Value | float
@@ -38,8 +41,8 @@ class MeanForces(NamedTuple):
     - `foundation`: (V, W), horizontal and vertical force on the foundation, (F5)
     - `eccentricity`: position of the joint forces relative to the centre line of a column, divided by half
       its width: ξ in full contact, (F10), and σ while rocking
-    - `lean`: −ΔT_i/ΔN_i, where ΔT_i and ΔN_i are the forces of any column i minus those of the mean column.
-      It is ξ tan α in full contact, (F11), and tan ψ while rocking, (F9)
+    - `lean`: −ΔT_i/ΔN_i, where ΔT_i and ΔN_i are the forces of column i minus those of the mean column. This
+      ratio is the same for all columns: ξ tan α in full contact, (F11), and tan ψ while rocking, (F9)
     - `moment`: overturning moment on the columns divided by N m_c, clockwise, (F6) [m²/s²]; None without an
       elevation
     """
@@ -130,7 +133,7 @@ def _overturning_moment(
 ) -> Value:
     """Return the overturning moment on the columns divided by N m_c, clockwise, (F6) [m²/s²].
 
-    - `c`: constants of the podium; `arms`: distances of the masses and columns
+    - `c`: constants of the podium; `arms`: first moments of the masses of beam and modes
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
     - `beam`: motion of the beam; `springs`: spring forces of the modes, None if nothing vibrates [m/s²]
     - `x`: positions
@@ -158,8 +161,8 @@ def transfer(c: Coefficients, moment: Value, eccentricity: Value, axial: Value, 
 def column_forces(
     c: Coefficients, mean: MeanForces, offsets: Sequence[Values] | None
 ) -> tuple[list[Values], list[Values]]:
-    """Return T and N at the joints of columns, (F8) to (F11) [m/s²]: at the bottom joint for every element of
-    `offsets`, then at the top joint.
+    """Return two lists, T and N at the joints of columns, (F8) to (F11) [m/s²]. Each list has the values at
+    the bottom joint for every element of `offsets`, then those at the top joint.
 
     - `c`: constants of the podium, including the joints; `mean`: forces of the mean column
     - `offsets`: positions of the columns from their mean [m]; None for the mean column
@@ -176,8 +179,9 @@ def column_forces(
 def impulses_of_columns(
     c: Coefficients, sigma: Value, speed: Value, sway: Value | float, offsets: Sequence[Values] | None
 ) -> tuple[list[Values], list[Values]]:
-    """Return the impulses J_T and J_N of an impact at the joints of columns, divided by m_c, (F12) to (F14)
-    [m/s]: at the bottom joint for every element of `offsets`, then at the top joint.
+    """Return two lists, the impulses J_T and J_N of an impact at the joints of columns, divided by m_c, (F12)
+    to (F14) [m/s]. Each list has the values at the bottom joint for every element of `offsets`, then those at
+    the top joint.
 
     - `c`: constants of the podium, including the joints; `sigma`: contact mode before the impact
     - `speed`: |θ̇| before the impact [rad/s]
@@ -202,7 +206,8 @@ def impulses_of_columns(
 def of_all_columns(
     function: Callable[..., tuple[list[Values], list[Values]]], *state, arms: Arms | None
 ) -> tuple[Values, Values]:
-    """Return T and N of all columns as arrays (joints, columns); without an elevation, of the mean column.
+    """Return forces or impulses, horizontal and axial, as two arrays of shape (2, columns), the bottom joint
+    first. Without an elevation, the arrays have one column, the mean column.
 
     - `function`: `column_forces` or `impulses_of_columns`; `state`: its arguments before the offsets
     - `arms`: positions of the columns, None without an elevation
@@ -213,7 +218,8 @@ def of_all_columns(
 
 
 def sway_of_modes(c: Coefficients, sigma: Value, x: Vector) -> Value | float:
-    """Return Σ η_id_i over the modes i with the deformations d_i [m], or 0.0 if there are no modes.
+    """Return Σ η_id_i over the modes i with their mass ratios η_i and deformations d_i [m]; 0.0 if there are
+    no modes.
 
     - `c`: constants of the podium; `sigma`: contact mode σ ∈ {−1, 0, 1}; `x`: positions
     """

@@ -1,8 +1,8 @@
 """Bounds on forces in the joints over a sampling interval of a record, for podiums without restrainers and
 without a superstructure that vibrates.
 
-T is the horizontal and N the vertical force in a joint. Forces are per column and divided by m_c [m/s²], as
-in `joint_forces`.
+T is the horizontal and N the vertical force in a joint. Forces are per column and divided by the mass m_c of
+a column [m/s²], as in `joint_forces`.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from .views import Moment, Sample
 
 
 class SampleForces(NamedTuple):
-    """Forces at both ends of a sampling interval of length h, and bounds on h² times their second derivatives
-    [m/s²]. All are held constant under differentiation."""
+    """Forces at both ends of a sampling interval of length h, and bounds on h² times the second derivatives
+    of the forces in time [m/s²]. All fields are held constant under differentiation."""
 
     start: EndForces[Value]
     end: EndForces[Value]
@@ -55,7 +55,8 @@ class SampleForces(NamedTuple):
                 [n - n_mean for n in forces.axial[1]]
                 for forces, n_mean in zip((start, end), mean, strict=True)
             ]
-            # Bounds on |tan ψ|, on h times its first derivative, and on h² times its second derivative.
+            # Bounds on |tan ψ|, h|d tan ψ/dt| and h²|d² tan ψ/dt²|. `leaning` then bounds h² times the second
+            # derivative of tan ψ times the difference between N of a column and the mean N, (F9).
             tan, per_angle = c.sin_alpha / c.cos_alpha, 1 / c.cos_alpha**2
             tan_rate = beam.first * per_angle
             tan_curvature = (beam.second + 2 * tan * beam.first**2) * per_angle
@@ -83,8 +84,8 @@ class SampleForces(NamedTuple):
         )
 
     def stays_below(self, joint: int, steepest: Force) -> Flag:
-        """Return True if the friction demand |T|/N at a joint certainly exceeds that of the force `steepest`
-        nowhere in the interval; also if `steepest` is not in compression, because its demand is then inf.
+        """Return whether the friction demand |T|/N at a joint certainly stays at or below the demand of the
+        force `steepest`. If `steepest` is not in compression, its demand is inf, and the result is True.
         `joint` is 0 for the bottom and 1 for the top joint."""
         size, axial = steepest
         rows = zip(

@@ -1,8 +1,9 @@
 """Base classes of outputs at the joints, and forces of the end columns.
 
 T is the horizontal and N the vertical force in a joint, compression positive. Forces are per column and
-divided by m_c [m/s²], as in `joint_forces`. The end columns are the first and the last. Forces and friction
-demands vary monotonically from column to column, so their extremes are always at an end column.
+divided by the mass m_c of a column [m/s²], as in `joint_forces`. The end columns are the first and the last
+column. From column to column, forces and friction demands either only increase or only decrease, so their
+extremes are always at an end column.
 """
 
 from __future__ import annotations
@@ -28,16 +29,16 @@ from .views import Bounces, Course, Ended, Moment, Rest, Step
 
 
 class Force(NamedTuple):
-    """Size |T| and axial part N of a force in a joint, or of an impulse. An accumulator is the steepest force
-    or impulse of the scene so far."""
+    """Size |T| of the horizontal part, and axial part N, of a force or an impulse in a joint. Where two
+    forces are compared, the steeper one has the larger angle from the vertical, atan2(|T|, N)."""
 
     size: Values
     axial: Values
 
     def is_steeper(self, other: Force) -> Flags:
-        """Return whether the angle from the vertical, atan2(|T|, N), is larger than that of another force. As
-        N decreases through 0, the angle continues to increase, unlike the ratio |T|/N. A force of zero is not
-        steeper than any other force."""
+        """Return whether the angle from the vertical is larger than that of another force. If N decreases to
+        negative values, the angle continues to increase, but |T|/N does not. A force of zero is not steeper
+        than any other force."""
         return self.size * other.axial > other.size * self.axial
 
     def steeper(self, other: Force) -> Force:
@@ -70,8 +71,8 @@ T = TypeVar("T")
 class EndForces(NamedTuple, Generic[T]):
     """Forces of the end columns; without an elevation, the means of all columns [m/s²].
 
-    - `tangential`, `axial`: T and N. Each has a tuple for the bottom and for the top joint, which contains
-      the values of the end columns, or only the mean
+    - `tangential`, `axial`: T and N. Each has a tuple for the bottom joint and a tuple for the top joint. A
+      tuple contains the values of both end columns; without an elevation, only the mean
     - `foundation`: the horizontal force V on the foundation, mean of the columns
     """
 
@@ -88,8 +89,8 @@ class EndForces(NamedTuple, Generic[T]):
 
 
 def end_forces(moment: Moment) -> tuple[Value, ...]:
-    """Return T of the end columns at the bottom joint, then at the top joint, then N in the same order, and
-    then the horizontal force V on the foundation, mean of the columns [m/s²]."""
+    """Return a row of forces [m/s²]: T of the end columns at the bottom joint, T at the top joint, N in the
+    same order, and finally the horizontal force V on the foundation (mean of the columns)."""
     c, sigma, _, ground, x, v, a = moment
     mean = barrier(mean_forces(c, sigma, ground, x, v, a))
     tangential, axial = column_forces(c, mean, end_offsets(c))
@@ -106,8 +107,8 @@ def over_rest(rest: Rest) -> list[EndForces[Value]]:
     contact. The extremes of N and of the horizontal force V on the foundation are among them, because N and V
     are linear in ü_g."""
     c = rest.scene.c
-    # Because of `needs_simple_contact`, no rest is skipped under vertical ground motion or with restrainers,
-    # and this function is not called.
+    # Under vertical ground motion or with restrainers, no rest is skipped (`needs_simple_contact`), so this
+    # function is not called.
     assert not isinstance(rest.scene.excitation, GroundMotion)
     zero = jnp.zeros_like(c.alpha)
     return [
@@ -123,16 +124,15 @@ def all_of(flags: Iterable[Flag]) -> Flag:
 
 @dataclasses.dataclass(frozen=True)
 class AbstractForceOutput(AbstractOutput):
-    """An output of forces or impulses in the joints, or of the force on the foundation. If it is not
-    requested, its answers are missing from those of a scene, whereas the answers of most other outputs are
-    NaN."""
+    """An output of forces or impulses in the joints, or of the force on the foundation. If such an output is
+    not requested, its answers are missing, whereas the answers of most other outputs are then NaN."""
 
     needs_flat = True
     of_joints = True
     needs_simple_contact: ClassVar[bool] = True
 
     def is_unchanged(self, bounds: JointBounds, accumulator: Any) -> Flag:
-        """Return whether no forces within the bounds change the accumulator."""
+        """Return whether no forces within the bounds can change the accumulator."""
         raise NotImplementedError
 
     def over_bounces(self, bounces: Bounces, accumulator: Any) -> Flag | bool:
@@ -153,7 +153,7 @@ class AbstractForceOutput(AbstractOutput):
 
 @dataclasses.dataclass(frozen=True)
 class AbstractJointOutput(AbstractForceOutput):
-    """An output whose answers have one value for each joint, that of the worst column, shape (2,). The
-    accumulator of an output of forces is a tuple with an entry for the bottom and one for the top joint."""
+    """An output whose answers have one value for each joint, shape (2,), the bottom joint first. Each value
+    is that of the worst column. Accumulators of forces are tuples with an entry for each joint."""
 
     axis = JOINTS

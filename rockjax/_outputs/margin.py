@@ -1,5 +1,5 @@
-"""The overturning margin of a scene: positive if the columns survive, zero on the boundary, negative if they
-overturn."""
+"""The overturning margin of a scene (one podium under one excitation). It is positive if the columns survive,
+zero on the boundary of overturning, and negative if they overturn."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from .views import Bounces, Start, Step, StepEnd, Turn
 
 @dataclasses.dataclass(frozen=True)
 class Margin(AbstractEventOutput):
-    """The overturning margin: the least margin of all turning points of the rotation, or the negative margin
-    at the overturning angle if the columns overturn. `turning_points.py` defines these margins. The initial
-    rotation counts as a turning point, and so does the rotation at the end of the scene if |θ| still rises
-    there."""
+    """The overturning margin [–]: the least margin of all turning points of the rotation. If the columns
+    overturn, it is the negative margin at the overturning angle. `turning_points.py` defines these margins.
+    The initial rotation counts as a turning point, and so does the rotation at the end of the scene if |θ|
+    still rises there."""
 
     name = "margin"
     unit = "1"
@@ -67,8 +67,9 @@ class Margin(AbstractEventOutput):
 
 @dataclasses.dataclass(frozen=True)
 class TurningPoints(AbstractInternalOutput):
-    """The maximum of |θ| in the latest trial step (a step that may be rejected); inf if the step has none or
-    was rejected. From this turning point, batches estimate the distance to the overturning boundary."""
+    """The `Turn` of the latest trial step (a step that may be rejected): margin and deceleration at the
+    maximum of |θ| in the step. Both are inf if the step has no maximum or was rejected. From this turning
+    point, batches estimate the distance to the overturning boundary."""
 
     name = "turning_points"
 

@@ -1,5 +1,9 @@
-"""Maxima of smooth quantities in one step, from polynomials through both ends of the step. An accumulator is
-the largest value so far in the scene."""
+"""Maxima of smooth quantities in one step, from polynomials through both ends of the step.
+
+The polynomials are functions of z ∈ [0, 1], the time since the start of the step divided by the length of the
+step. Slopes and curvatures are derivatives with respect to z, and rates are derivatives in time. An
+accumulator is the largest value so far in the scene (one podium under one excitation).
+"""
 
 from __future__ import annotations
 
@@ -15,19 +19,20 @@ from rockjax._engine.ratio import safe_ratio
 from rockjax._programs.barrier import barrier
 from rockjax._types import Flag, Flags, Value, Values
 
-# A step is shortened to end on an extremum that may exceed the maximum so far, unless the extremum is in an
-# *end zone*: this part of a step is so close to one of its ends that the polynomial is as accurate there as
-# the step itself.
-NEAR_MAXIMUM = 1e-2  # it may exceed the maximum so far if it is above (1 − NEAR_MAXIMUM) times this maximum
+# If the polynomial has an extremum that may exceed the maximum so far, the step is shortened to end on the
+# extremum. This is not necessary in the *end zones* at both ends of the step, in which the polynomial is as
+# accurate as the step itself. An extremum may exceed the maximum so far if it is above (1 − NEAR_MAXIMUM)
+# times this maximum.
+NEAR_MAXIMUM = 1e-2
 END_ZONE = 0.02  # end zone for turning points of θ, as a fraction of the step
-# End zones for other quantities. They are smaller, because higher derivatives of a vibrating superstructure
-# are larger, and because the time at which a force turns may depend strongly on a parameter: then even a
-# small error of this time changes the derivative of the force.
+# End zones for other quantities. They are smaller for two reasons. Higher derivatives of a vibrating
+# superstructure are larger. And the time at which a force turns may depend strongly on a parameter; then even
+# a small error of this time changes the derivative of the force with respect to the parameter.
 END_ZONE_DEFORMATIONS = 2e-3
 END_ZONE_ACCELERATIONS = 1e-6
 ROUNDING = 64  # relative differences below this multiple of the machine epsilon are rounding
-ROUNDING_ANGLE = 4  # the same for θ, which has smaller rounding errors because the solver integrates it
-CLOSE = 1024  # the same for the difference between an extremum and the value at an end of the step
+ROUNDING_ANGLE = 4  # as ROUNDING, for θ, which has smaller rounding errors because the solver integrates it
+CLOSE = 1024  # as ROUNDING, for the difference between an extremum and the value at an end of the step
 
 
 class Cubic(NamedTuple):
@@ -52,11 +57,11 @@ class Cubic(NamedTuple):
         return z * (self.c0 + z * (self.c1 / 2 + z * (self.c2 / 3 + z * (self.c3 / 4))))
 
     def turning_point_or_dip(self, turned: Flags, rising: Flags) -> tuple[Values, Flags]:
-        """Apply `hermite.turning_point_or_dip` to this polynomial. The roots of its slope a + b z + c z² have
-        a closed form."""
+        """Apply `hermite.turning_point_or_dip` to this polynomial. Its slope a + b z + c z² has roots in
+        closed form."""
         sign = jnp.where(rising, 1.0, -1.0)
         a, b, c = (sign * y for y in derivative(self))
-        is_increasing = b > 0  # the slope increases at z = 0, and decreases to zero later
+        is_increasing = b > 0  # the slope increases at z = 0 before it decreases to zero
         q = -0.5 * (b + jnp.where(is_increasing, 1.0, -1.0) * jnp.sqrt(jnp.maximum(b * b - 4 * a * c, 0.0)))
         may_dip = ~turned & (b < 0) & (b + 2 * c > 0)
         numerator = jnp.where(turned, jnp.where(is_increasing, q, a), -b)
@@ -90,7 +95,8 @@ class Quartic(NamedTuple):
         return Cubic(self.c0, self.c1, self.c2 - self.c4, self.c3 + 2 * self.c4)
 
     def extremum_near(self, z: Values, exists: Flags) -> Values:
-        """Return the extremum near an extremum z of the cubic, by Newton's method; z if not `exists`."""
+        """Return the position of the extremum near `z`, an extremum of `cubic`, by Newton's method. Where
+        `exists` is False, return `z`."""
         for _ in range(2):
             curvature = self.curvature(z)
             newton = z - self.slope(z) / jnp.where(curvature == 0, 1.0, curvature)
@@ -167,11 +173,11 @@ def largest(
       `accumulator` has the same form
     - `of_joints`: whether f is a force in a joint
 
-    If f turns twice in the step, and one of these extrema or the value at an end may exceed the accumulator,
-    the next trial ends between the extrema, whatever `shortens_step` is. For forces in the joints, a value at
-    an end does not suffice: the extremum must also exceed 99 % of the larger of the values at both ends. The
-    reason is that the cubic of a force that grows by orders of magnitude in a step has a dip that the force
-    does not have.
+    If f turns twice in the step, and one of both extrema or the value at an end may exceed the accumulator,
+    the next trial ends between the extrema, whatever `shortens_step` is. Forces in the joints have a stricter
+    condition: one of the extrema itself may exceed the accumulator, and exceeds 99 % of the larger value at
+    the ends. If a force grows by orders of magnitude in a step, its polynomial may turn twice although the
+    force does not. The stricter condition then avoids a shorter step.
     """
     rates = [end.rate for end in ends]
     turned = rates[0] * rates[1] < 0
@@ -184,7 +190,8 @@ def largest(
         at_end = safe_ratio(path.curvature(jnp.full_like(h, z_end)), h * h, h > 0)
         curvature = jnp.where(long, at_end, mean_curvature)
         # If the nearest extremum equals the value at this end up to rounding, the extremum replaces the
-        # value. An error δt of the time changes the value only by order δt², but its derivative by order δt.
+        # value. An error δt of the time of the extremum changes the value only by order δt², but the
+        # derivative of the value with respect to parameters by order δt.
         constant = jax.lax.stop_gradient(curvature)
         to_extremum = -0.5 * safe_ratio(end.rate * end.rate, constant, constant != 0)
         is_close = jnp.abs(to_extremum) < CLOSE * eps * jnp.abs(end.value)
@@ -210,7 +217,7 @@ def largest(
             exceeds_ends = jax.lax.stop_gradient(value > largest_end + rounding * jnp.abs(largest_end))
             threshold = so_far - jnp.where(jnp.isfinite(so_far), NEAR_MAXIMUM * jnp.abs(so_far), 0.0)
         shortens = shortens_step & turned & exceeds_ends & (value > threshold)
-        size_of_dip = size_at_z + change  # bound of f or |f| at both turning points
+        size_of_dip = size_at_z + change  # bound on f or |f| at both turning points
         if of_joints:
             threshold = jnp.maximum(threshold, largest_end - NEAR_MAXIMUM * jnp.abs(largest_end))
         else:
@@ -227,8 +234,8 @@ def largest(
 def _extremum(
     path: Path, h: Value, long: Flag, turned: Flags, ends: tuple[End, End]
 ) -> tuple[Values, Values, Flags]:
-    """Return the position z and the value of an extremum in a step, and whether the path turns twice
-    (`Path.turning_point_or_dip`).
+    """Return the position z and the value of the extremum in a step, and whether the path turns twice
+    (`hermite.turning_point_or_dip`).
 
     In a short step, rounding dominates the polynomial, but not the rates. The extremum then follows from the
     rates, which are nearly linear in time, and from the value at the nearer end.
@@ -270,7 +277,8 @@ def cubic(f0: Values, rate0: Values, f1: Values, rate1: Values, h: Value) -> Cub
 
 def quartic(cubic: Cubic, middle: Values, long: Flag) -> Quartic:
     """Return the quartic with the values and slopes of a cubic at both ends of the step, and with a given
-    value in the middle. In a short step, where the difference to the cubic is rounding, return the cubic.
+    value in the middle. In a short step, the quartic is equal to the cubic, because their difference would be
+    rounding.
 
     - `cubic`: the Hermite polynomial over the step
     - `middle`: value of the quantity at z = 0.5

@@ -47,7 +47,7 @@ REGISTRY: dict[str, AbstractOutput] = {
 BUILDING_OUTPUTS = ("peak_shear", "peak_drift", "peak_floor_acceleration", "peak_velocity_jump")
 JOINT_OUTPUTS = ("peak_friction", "axial_force", "impact_friction", "peak_foundation_shear")
 
-# All answers by name: the properties of the answer, and the name of the output that computes it.
+# All answers by name, each with its properties and the name of the output that computes it.
 VARIABLES: dict[str, tuple[Variable, str]] = {
     variable.name: (variable, name) for name, output in REGISTRY.items() for variable in output.variables
 }
@@ -63,8 +63,9 @@ def variables_of(outputs) -> dict[str, tuple[Variable, str]]:
 
 
 def suitable_outputs(podium: Podium) -> tuple[str, ...]:
-    """Return the names of the outputs that a designer needs for a podium: rotation, impacts and errors; shear
-    and motion of the building; and forces of the joints if there is an elevation."""
+    """Return the names of the outputs that a designer needs for a podium. They always include the rotation,
+    the impacts and the estimated errors. A superstructure adds the outputs of `BUILDING_OUTPUTS` that apply
+    to it, and an elevation adds the forces in the joints."""
     names = ["peak_rotation", "impacts", "impacts_before_peak", "errors"]
     if podium.superstructure is not None:
         names += [name for name in BUILDING_OUTPUTS if REGISTRY[name].applies(podium)]

@@ -1,5 +1,5 @@
-"""The largest rotation. Every scene computes the rotation, because other outputs and fast-forwards (the
-skipping of parts of a scene) need it."""
+"""The largest rotation in a scene (one podium under one excitation). This output is always computed, because
+other outputs and fast-forwards (the skipping of parts of a scene) need it."""
 
 from __future__ import annotations
 
@@ -82,15 +82,16 @@ class PeakRotation(AbstractEventOutput):
 
 
 def highest_angle(end: StepEnd) -> tuple[Value, Value]:
-    """Return the largest |θ| inside a step or at its end [rad] and the time of this maximum [s]; both can be
+    """Return the largest |θ| inside a step or at its end [rad], and the time of this maximum [s]. Both can be
     differentiated."""
     step, guard = end.step, end.step.guard
     at_stop = guard.at_end.value(end.after)
     end_angle = jnp.where(end.hit, 0.0, jnp.where(end.toppled, step.scene.overturn_angle, at_stop))
     peak, end_angle = barrier((guard.path.value(guard.turn), end_angle))
     at_turn = step.has_peak & (peak >= end_angle)
-    # |θ| may be largest at the end of a step that ends neither on an event nor at the end of the scene. This
-    # end is then a turning point up to rounding, or |θ| rises further in the next step.
+    # If |θ| is largest at the end of a step that ends neither on an event nor at the end of the scene, this
+    # end is a turning point up to rounding, or |θ| rises further in the next step. The time is then that of
+    # the turning point near this end.
     at_event = (end.lands | step.trial.ends_scene) & ~at_turn
     turn = jnp.where(at_turn, guard.turn, 1.0)
     time = jnp.where(at_event, end.now, step.state.t + step.time_to_turn(turn))

@@ -1,5 +1,5 @@
 """The largest shear V_s at the base of the superstructure, and bounds on the motion of the beam during
-skipped parts of a scene. Equations are those of docs/model.md."""
+skipped parts of a scene (one podium under one excitation). Equations are those of docs/model.md."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class PeakShear(AbstractOutput):
     """The peak shear V_s at the base of the superstructure divided by its weight, max|V_s|/(m_t g), Eq. (7)
     [–].
 
-    Mass that belongs to no mode moves with the deck (the beam). The impulses that act on this mass at impacts
-    are ignored.
+    Mass that belongs to no mode moves with the deck (the beam). The shear includes the inertia force of this
+    mass, but not the impulses that act on it at impacts.
     """
 
     name = "peak_shear"
@@ -52,9 +52,9 @@ class PeakShear(AbstractOutput):
     def over_step(self, step: Step, accumulator: Value) -> Maximum:
         if step.c.vibration is None:
             return step.largest(step.course(self.quantity), accumulator, END_ZONE_ACCELERATIONS)
-        # The polynomial of a force contains the derivative, with respect to time, of the polynomial of a
-        # deformation, and is less accurate than the latter. Therefore steps end on maxima of forces for
-        # methods of any order.
+        # The polynomial of a force contains the rate of the deformation, because of the damper, and is less
+        # accurate than the polynomial of the deformation. Steps therefore end on maxima of forces for methods
+        # of any order.
         modal: ModalConstants | None = step.c.modal
         course = step.spring_forces if modal is None else step.inertia_force()(modal.shares)
         force = step.largest(course, accumulator * step.c.g, END_ZONE_ACCELERATIONS)
@@ -82,11 +82,8 @@ class PeakShear(AbstractOutput):
 
 def stays_below(sample: Sample, accumulator: Value) -> Flag:
     """Return whether the shear of a rigid superstructure certainly stays at or below the accumulator (the
-    largest shear so far) during a sampling interval of length h. The shear is |a_b|/g, where a_b = ü_g + ü_b,
-    Eq. (14), is the absolute acceleration of the beam.
-
-    If |d²a_b/dt²| ≤ Cg, the shear at the fraction z ∈ [0, 1] of the interval exceeds the linear interpolation
-    between both ends by at most C z(1 − z) h²/2.
+    largest shear so far) during a sampling interval of length h. The shear is |a_b|/g, where a_b = ü_g + ü_b
+    is the absolute acceleration of the beam, Eq. (14).
     """
     c, sigma = sample.c, sample.sigma
     start, end = jax.lax.stop_gradient([jnp.abs(shear(c, sigma, *y)) for y in (sample.start, sample.end)])
@@ -97,7 +94,12 @@ def stays_below(sample: Sample, accumulator: Value) -> Flag:
 def exceeds_nowhere(start: Value, end: Value, curvature: Value, level: Value | float) -> Flag:
     """Return whether a quantity y certainly does not exceed a level in an interval of length h.
 
-    - `start`, `end`: y at both ends; `curvature`: bound on h²|d²y/dt²|; `level`: the level, in the unit of y
+    - `start`, `end`: y at both ends
+    - `curvature`: bound C on h²|d²y/dt²|
+    - `level`: the level, in the unit of y
+
+    At the fraction z ∈ [0, 1] of the interval, y exceeds the linear interpolation between both ends by at
+    most ½C z(1 − z), which is at most C/8.
     """
     # Either y never exceeds its value at the start, or its largest possible value does not exceed the level.
     decreases = (start <= level) & (end + 0.5 * curvature <= start)
@@ -130,9 +132,9 @@ def beam_curvatures(sample: Sample) -> BeamCurvatures:
     first, second = h * (speed + h * acceleration), h * h * acceleration
     third = h * h * jnp.abs(accelerations[1] - accelerations[0])
     ground = jnp.maximum(*map(jnp.abs, grounds))
-    # By Eq. (24), `by_angle` bounds |θ⁗|h⁴ under a constant ü_g, and `by_ground` the effect of the rate of
-    # ü_g. `even` and `odd` bound products of an even and an odd number of lower derivatives of θ in
-    # d²ü_b/dt².
+    # By Eq. (24), `by_angle` bounds h⁴ times the fourth derivative of θ under a constant ü_g, and `by_ground`
+    # bounds the additional effect of the rate of ü_g. The other terms of d²ü_b/dt² are products of lower
+    # derivatives of θ: `even` bounds the terms with two or four factors, `odd` those with three.
     by_angle = h * h * (c.gravity + c.ground * ground) / c.inertia * (second + first * first)
     by_ground = 2 * h * h * c.ground / c.inertia * jnp.abs(grounds[1] - grounds[0]) * first
     even, odd = 4 * first * third + 3 * second * second + first**4, 6 * first * first * second
@@ -143,7 +145,7 @@ def beam_curvatures(sample: Sample) -> BeamCurvatures:
 
 
 def beam_bound(bounces: Bounces) -> Value:
-    """Bound the absolute acceleration of the beam during bounces [m/s²].
+    """Bound the absolute horizontal acceleration of the beam during bounces [m/s²].
 
     The bound is the acceleration at θ = θ̇ = 0, Eqs. (14), (24), plus contributions of θ and θ̇.
     """
@@ -154,7 +156,7 @@ def beam_bound(bounces: Bounces) -> Value:
         sway_per_moment * c.gravity * c.sin_alpha
         + jnp.abs(1 - sway_per_moment * c.ground * c.cos_alpha) * ground
     )
-    # With ψ = α − |θ|, a rotation θ changes the horizontal acceleration 2Rθ̈ cos ψ by less than
-    # 2R(p² + |θ̈|)|θ|, where p is the frequency parameter.
+    # By Eq. (24), the derivative of 2Rθ̈ cos ψ with respect to θ is at most
+    # 2R(gravity + ground·|ü_g|)/inertia, with the constants of `Coefficients`. The factor 2 is a reserve.
     by_angle = 2 * beam_per_moment * (c.gravity + c.ground * ground) * bounces.height
     return at_uplift + by_angle + c.two_R * bounces.speed**2

@@ -15,7 +15,8 @@ from .views import Ended
 
 @dataclasses.dataclass(frozen=True)
 class AbstractStoryOutput(AbstractOutput):
-    """An output of buildings. Its answer has one value for each story or floor, shape (stories,)."""
+    """An output of buildings (`ShearBuilding`). Its answer has one value for each story or floor, shape
+    (stories,)."""
 
     axis = STORIES
 
@@ -33,5 +34,5 @@ class AbstractStoryOutput(AbstractOutput):
         return self.in_all_stories(jnp.full_like(ended.t, jnp.nan))
 
     def in_all_stories(self, value: Any) -> dict[str, Any]:
-        """Return a scalar as the answer for all stories, or no answer if the podium has no stories."""
+        """Return an answer with the same value in all stories; no answer if the podium has no stories."""
         return {self.name: jnp.broadcast_to(value, (self.stories,))} if self.stories else {}

@@ -8,8 +8,8 @@ from .registry import VARIABLES
 
 
 def by_name(holder: Any, name: str) -> Any:
-    """Return `holder.values[name]`, or None if `name` is an answer of a registered output that the holder
-    does not contain. Raises `AttributeError` for other names."""
+    """Return `holder.values[name]`. If the holder does not contain this answer, return None for the name of
+    an answer of a registered output, and raise `AttributeError` for other names."""
     values = holder.__dict__.get("values", {})
     if name in values or name in VARIABLES:
         return values.get(name)

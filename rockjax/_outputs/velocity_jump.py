@@ -1,4 +1,5 @@
-"""The largest jump of the deck's velocity at an impact. (L3) is in docs/floors.md."""
+"""The largest jump of the deck's velocity at the impacts of a scene (one podium under one excitation). (L3)
+is in docs/floors.md."""
 
 from __future__ import annotations
 
@@ -17,11 +18,11 @@ from .views import Bounces, Ended, Impact, Start, Step
 
 @dataclasses.dataclass(frozen=True)
 class PeakVelocityJump(AbstractEventOutput):
-    """The largest jump of the horizontal velocity of the deck at an impact, max|Δv_b|, (L3) [m/s].
+    """The largest jump of the horizontal velocity of the deck (the beam) at an impact, max|Δv_b|, (L3) [m/s].
 
     `is_final` bounds the jump at the fastest impact that can follow. At an impact θ = 0, so the potential
-    energy of gravity and restrainers is zero. Divided by the mass of all columns, the kinetic energy is at
-    least ½(`c.spin` + η(2R sin α)²)θ̇² and at most `bounds.energy`.
+    energy of gravity and restrainers is zero. The kinetic energy, divided by the mass of all columns, is at
+    least ½(`c.spin` + η(2R sin α)²)θ̇² and at most `bounds.energy`. These two bounds limit |θ̇|.
     """
 
     name = "peak_velocity_jump"

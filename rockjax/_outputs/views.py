@@ -1,10 +1,12 @@
 """Views of a scene for the outputs: moments, steps, impacts, and parts that are skipped.
 
-An output reads these views instead of the loop state. From a view and its accumulator (the value so far), the
-output computes the new accumulator.
+A scene is one podium under one excitation. Outputs read these views instead of the loop state. An output has
+an accumulator, the value so far, and updates it from each view.
 
-The time of an event or a breakpoint depends on the parameters. A *stamp* is the value of such a time, held
-constant under differentiation. (L1) and (L2) are in docs/floors.md.
+An event is an uplift, an impact or overturning. A breakpoint is a time at which the ground motion has a jump
+or a kink, and a piece is the ground motion between two breakpoints. The time of an event or a breakpoint
+depends on the parameters. A *stamp* is the value of such a time, held constant under differentiation. z is
+the time since the start of a step divided by the length of the step. (L1) and (L2) are in docs/floors.md.
 """
 
 from __future__ import annotations
@@ -54,8 +56,8 @@ class Moment(NamedTuple):
     - `t`: time [s]
     - `ground`: ü_g, or ü_g and v̈_g [m/s²]
     - `x`, `v`, `a`: positions, velocities and accelerations. The positions are θ [rad] and the displacement
-      u_t of the superstructure relative to the ground [m], an array if it has several modes. Without a
-      vibrating superstructure, each has only the entry of θ
+      u_t of the superstructure relative to the ground [m], an array over the modes if there are several. If
+      no superstructure vibrates, each of the three has only the entry of θ
     """
 
     c: Coefficients
@@ -74,7 +76,7 @@ class Moment(NamedTuple):
 
 
 def deck_acceleration(moment: Moment) -> Value:
-    """Return the absolute horizontal acceleration of the deck a_b, (L1) [m/s²]."""
+    """Return the absolute horizontal acceleration a_b of the deck (the beam), (L1) [m/s²]."""
     return beam_absolute_acceleration(moment.c, moment.sigma, moment.ground, moment.x, moment.v, moment.a)
 
 
@@ -90,7 +92,7 @@ class Turn(NamedTuple):
 
 class Start(NamedTuple):
     """The start of a scene: the prepared scene, the initial state, the start time [s], and a function that
-    returns the `Moment` at that time."""
+    returns the `Moment` at the start time."""
 
     scene: Scene
     initial: State
@@ -103,8 +105,9 @@ class Span(NamedTuple):
 
     - `h`: length of the step
     - `long`: whether the step is long enough for accurate curvatures of polynomials (`hermite.is_long`)
-    - `before`: time from the start of the step to the event or breakpoint there, zero in value
-    - `after`: time from the end of the step to the event or breakpoint there, zero or short
+    - `before`: time from the start of the step to the event or breakpoint there; its value is zero
+    - `after`: time from the end of the step to the event or breakpoint there; its value is zero, or small if
+      the step ends close to an event
 
     `before` and `after` are not held constant under differentiation.
     """
@@ -116,14 +119,14 @@ class Span(NamedTuple):
 
 
 class Course(NamedTuple):
-    """A quantity over a step: a polynomial, and (value, rate in time) at both ends."""
+    """A quantity over a step: a polynomial in z, and (value, rate in time) at both ends."""
 
     path: Any  # a `Path`
     start: tuple[Values, Values]
     end: tuple[Values, Values]
 
     def summed(self, weights: Values) -> Course:
-        """Return the weighted sum over the modes."""
+        """Return the sum over the modes with the given weights."""
         return jax.tree.map(lambda values: weighted(weights, values), self)
 
 
@@ -135,11 +138,12 @@ class Step:
     step.
 
     - `scene`: the prepared scene
-    - `ends_on_maxima`: whether steps end on maxima of the rotation and of deformations, because the method
-      has a higher order than the polynomials
+    - `ends_on_maxima`: whether steps end on maxima of the rotation and of deformations; this is necessary if
+      the method has a higher order than the polynomials
     - `state`: state at the start of the step
     - `ground_at`: t ↦ ground acceleration on the current piece of the excitation [m/s²]
-    - `trial`: the step; `guard`: the quantity that ends its contact mode (`rockjax._engine.guard`)
+    - `trial`: the step
+    - `guard`: the quantity that ends the contact mode of the step (`rockjax._engine.guard`): σθ while rocking
     - `before`, `after`: as in `Span`
     """
 
@@ -171,7 +175,7 @@ class Step:
 
     @property
     def has_peak(self) -> Flag:
-        """True if |θ| has a maximum inside the step; it is at `guard.turn`."""
+        """True if |θ| has a maximum inside the step, which is then at z = `guard.turn`."""
         return (self.sigma != 0) & self.guard.rising & self.guard.turned
 
     @property
@@ -187,11 +191,11 @@ class Step:
         return course
 
     def courses(self, quantity: Quantity, through_middle: bool = False) -> list[Course]:
-        """Return the values of a quantity over the step as cubics, in the order of the tuple that the
-        quantity returns. In batches a tuple of scalars is much faster than an array.
+        """Return the values of a quantity over the step as cubics, in the order of the tuple that `quantity`
+        returns. In batches a tuple of scalars is much faster than an array.
 
-        With `through_middle`, return quartics through the values in the middle of the step. Their extrema are
-        so accurate that fewer steps are shortened to end on them.
+        With `through_middle`, return quartics through the values in the middle of the step instead of cubics.
+        Quartics have more accurate extrema, so fewer steps are shortened to end on extrema.
         """
         if quantity in self._courses:  # several outputs may use the same quantity
             return self._courses[quantity]
@@ -269,7 +273,8 @@ class Step:
 
     @functools.cached_property
     def _residual_acceleration(self) -> Course | None:
-        """Absolute acceleration of the residual mass, which moves with the beam; None without such a mass."""
+        """Absolute acceleration of the residual mass (mass of the superstructure that belongs to no mode),
+        which moves with the beam; None without a residual mass."""
         modal = self.c.modal
         if modal is None or modal.residual is None:
             return None
@@ -278,9 +283,10 @@ class Step:
         return deck._replace(path=Quintic(path.c0, path.c1, path.c2, path.c3, zero, zero))
 
     def inertia_force(self) -> Callable[[Values], Course]:
-        """Return the function that maps the weights w_i of the modes to the inertia force of a floor over the
-        step, divided by its mass: Σ w_i F_i + (Σ w_i − 1) a_b, the negative of the acceleration of (L2)
-        [m/s²]. Without a residual mass, the term with a_b is left out."""
+        """Return a function of the weights w_i of the modes on a floor. The function returns
+        Σ w_i F_i + (Σ w_i − 1) a_b over the step [m/s²], the negative of the acceleration of the floor, (L2).
+        F_i are `spring_forces`, and a_b is the acceleration of the deck. Without a residual mass, the term
+        with a_b is left out."""
         springs, base = self.spring_forces, self._residual_acceleration
 
         def force(weights: Values) -> Course:
@@ -295,11 +301,9 @@ class Step:
         return force
 
     def cut_at_turn(self, shortens_step: Flag) -> Value:
-        """Return the fraction of the step up to the guard's turning point, or inf if not `shortens_step`.
-
-        The result is also inf if the turning point is so close to an end of the step that the polynomial is
-        accurate enough.
-        """
+        """Return the position z of the guard's turning point, at which the next trial must end. If not
+        `shortens_step`, or if the turning point is in an end zone of `maxima.py`, return inf: the next trial
+        is not shortened."""
         turn = self.guard.turn
         return jnp.where(shortens_step & (turn > END_ZONE) & (turn < 1 - END_ZONE), turn, jnp.inf)
 
@@ -369,9 +373,9 @@ class Step:
 
         Over a very short step, the slopes of the quintic are differences of nearly equal numbers. The time
         then follows from the speeds and accelerations at both ends. The derivative of the time with respect
-        to a parameter is −θ̇'/θ̈, where θ̇' is the derivative of the speed. The quotient is interpolated between
-        the ends, because a damper with a small exponent changes θ̇' and θ̈ suddenly near the turning point, but
-        not their quotient.
+        to a parameter is −θ̇'/θ̈ at the turning point, where θ̇' is the derivative of θ̇ with respect to the
+        parameter. The function interpolates the quotient θ̇'/θ̈ between both ends of the step: a damper with a
+        small exponent changes θ̇' and θ̈ suddenly near the turning point, but not their quotient.
         """
         constant = jax.lax.stop_gradient
         newton = lambda value, slope: jnp.clip(safe_ratio(value, slope, slope != 0), -1.0, 1.0)
@@ -383,8 +387,8 @@ class Step:
         shifts = [safe_ratio(v - constant(v), constant(a), constant(a) != 0) for v, a in ends]
         in_short_step = root * trial.h - ((1 - root) * shifts[0] + root * shifts[1])
         in_long_step = (z - newton(path.slope(z), path.curvature(z))) * trial.h
-        # This time contains only two derivatives of the quintic. Their rounding errors are small also in
-        # steps ten times shorter than `span.long` requires.
+        # `in_long_step` needs only the slope and the curvature of the quintic. Their rounding errors are
+        # small even in steps ten times shorter than `span.long` requires.
         long = is_long(trial.h, 0.1 * self.scene.max_step)
         return jnp.where(long, in_long_step, in_short_step)
 
@@ -443,8 +447,9 @@ class StepEnd(NamedTuple):
     - `step`: the step
     - `accepted`: whether the step is accepted; otherwise the loop discards the updated accumulators
     - `lands`, `hit`, `toppled`: whether the step ends on an event, on an impact, on overturning
-    - `after`: time from the end of the step to the event [s]
-    - `now`: time of the end [s]; `stamp`: the same time, held constant under differentiation [s]
+    - `after`: as in `Span` [s]
+    - `now`: time of the event if the step ends on one, else time of the end of the step [s]
+    - `stamp`: the same time, held constant under differentiation [s]
     - `x`, `v`: positions and velocities after the transition
     - `impact`: the impact, valid where `hit`
     - `jolt`: the jump of the ground's velocity at the end of the step; None if the motion has no jumps
@@ -469,7 +474,8 @@ class Rest:
 
     - `scene`: the prepared scene
     - `start`, `end`: times between which the columns rest, not held constant under differentiation [s]
-    - `excluded`: duration before `end` that is left out [s]; 0 unless the ground acceleration jumps at `end`
+    - `excluded`: duration before `end` that is left out, so that the rest does not include the ground
+      acceleration after a jump at `end` [s]; 0 unless the ground acceleration jumps there
     """
 
     def __init__(self, scene: Scene, start: Value, end: Value, excluded: Value):
@@ -477,18 +483,18 @@ class Rest:
 
     @functools.cached_property
     def largest_ground_acceleration(self) -> Value:
-        """Largest |ü_g| during the rest [m/s²].
+        """Largest |ü_g| during the rest [m/s²]; 0 if the rest begins after the excitation.
 
-        The result is 0 after the end of the excitation. If the maximum is at an end of the rest, a jump or a
-        kink, its derivatives with respect to the parameters include the effect of the time of this point. At
-        a smooth maximum the time has no effect.
+        If the maximum is at an end of the rest or at a breakpoint, the time of this point depends on the
+        parameters, and the derivatives of the result include this effect. At a smooth maximum, the time has
+        no effect on derivatives.
         """
         return jnp.where(self._is_shaken, jnp.abs(self._extreme(None)), 0.0)
 
     @functools.cached_property
     def extreme_ground_accelerations(self) -> tuple[Value, Value]:
-        """Smallest and largest ü_g during the rest [m/s²], differentiated like `largest_ground_acceleration`;
-        0 after the end of the excitation. Not valid unless `lasts`."""
+        """Smallest and largest ü_g during the rest [m/s²], differentiated like `largest_ground_acceleration`.
+        Both are 0 if the rest begins after the excitation. Not valid unless `lasts`."""
         end = jax.lax.stop_gradient(self.scene.excitation.support[1])
         becomes_still = self._end > end
 
@@ -514,7 +520,8 @@ class Rest:
         return self.lasts & (constant(self.start) < constant(self.scene.excitation.support[1]))
 
     def _extreme(self, side: Value | None) -> Value:
-        """Return ü_g where |ü_g|, or side·ü_g, is largest [m/s²]."""
+        """Return ü_g [m/s²] at the time in the rest at which |ü_g| (if `side` is None) or `side`·ü_g is
+        largest."""
         constant, excitation = jax.lax.stop_gradient, self.scene.excitation
         start, end = constant(self.start), self._end
         stamp = jnp.clip(constant(self.scene.lookahead.highest_time(start, end, side)), start, end)
@@ -524,7 +531,8 @@ class Rest:
         return excitation(stamp + (time - constant(time)))
 
     def raised(self, accumulator: Value, values: Sequence[Value]) -> Value:
-        """Return the largest of the accumulator and of values during the rest."""
+        """Return the largest of the accumulator and `values`, which occur during the rest. Unless `lasts`,
+        return the accumulator."""
         for value in values:
             accumulator = jnp.where(self.lasts & (value > accumulator), value, accumulator)
         return accumulator
@@ -547,12 +555,12 @@ class Sample(NamedTuple):
 
 
 class Bounces(NamedTuple):
-    """Bounces of a rigid podium that end at rest and may be skipped.
+    """Bounces of a rigid podium (with a rigid superstructure or none) that end at rest and may be skipped.
 
     - `c`: constants of the podium
     - `overturn_angle`: α_o [rad]
     - `ground`, `height`, `speed`: bounds on |ü_g| [m/s²], |θ| [rad] and |θ̇| [rad/s] during the bounces
-    - `min_impact_speed`: the columns rest after an impact before which |θ̇| is at most this speed [rad/s]
+    - `min_impact_speed`: the columns rest after an impact if |θ̇| before it is at most this speed [rad/s]
     """
 
     c: Coefficients
