@@ -1,7 +1,8 @@
 """Gradient-based design of rocking podiums: size them so that targets hold and an objective is minimal.
 
-A scene is one structure under one ground motion. Its overturning margin M, defined in docs/overturning.md, is
-positive if the columns survive and negative if they overturn; it is lower the faster they overturn.
+A scene is one structure under one ground motion. The overturning margin M of a scene, defined in
+docs/overturning.md, is positive if the columns survive and negative if they overturn. The faster the columns
+overturn, the lower M is.
 """
 
 import lazy_loader as _lazy_loader

@@ -29,25 +29,29 @@ from ._targets import AbstractScaleTarget, Name, require_limit
 class AnnualFrequency(AbstractScaleTarget):
     """The columns overturn at most `at_most` times a year, on average.
 
-    - `at_most`: mean annual frequency λ_f, > 0 [1/year]
+    The overturning intensity of a motion is the least intensity to which the motion must be scaled to
+    overturn the columns.
+
+    - `at_most`: largest permitted value of the mean annual frequency of overturning λ_f, > 0 [1/year]
     - `hazard`: the [`rockjax.Hazard`][] of the site, for PGA, PGV or Sa at a period, in SI units
-    - `suite`: two or more records or other motions, or `optimise.FreshSamples` of records; intensities are
+    - `suite`: two or more motions, such as records, or `optimise.FreshSamples` of records; intensities are
       measured on the horizontal component
-    - `max_intensity`: highest intensity searched [unit of `hazard`]; None for the last point of the hazard.
+    - `max_intensity`: largest searched intensity [unit of `hazard`]; None for the last point of the hazard.
       If a motion does not overturn the columns up to this intensity, its overturning intensity is only
       known to be higher (censored)
-    - `width`: in (0, 0.1) [–]; resolution of the search for the least overturning intensity in the
-      verification: only an interval of overturning intensities narrower than `width` times `max_intensity`
-      can be missed
+    - `width`: in (0, 0.1) [–]; resolution of the search for overturning intensities in the verification. The
+      search can miss a range of intensities at which a motion overturns the columns only if the range is
+      narrower than `width` times `max_intensity`
     - `name`: name in reports; None for a description
 
-    λ_f comes from [`rockjax.annual_frequency`][] for the lognormal distribution fitted to the least
-    overturning intensity of each motion, as in [`rockjax.fragility`][]. The margin is ln(at_most/λ_f). If no
-    distribution can be fitted, for example because fewer than two motions overturn the columns, λ_f is the
-    frequency with which `max_intensity` is exceeded, with zero derivatives.
+    A lognormal distribution is fitted to the overturning intensities of all motions, as in
+    [`rockjax.fragility`][]. [`rockjax.annual_frequency`][] gives λ_f for this distribution. The margin is
+    ln(at_most/λ_f). If no distribution can be fitted, for example because fewer than two motions overturn the
+    columns, λ_f is replaced by the annual frequency with which `max_intensity` is exceeded, and the
+    derivatives of the margin are zero.
 
-    Raises `ValueError` for arguments out of range, for a hazard that is not in SI units or has an intensity
-    measure other than these, and for a suite of one motion or with a motion of intensity 0. Raises
+    Raises `ValueError` for arguments out of range; for a hazard that is not in SI units, or whose intensity
+    measure is not PGA, PGV or Sa; for a suite of one motion; and for a motion of intensity 0. Raises
     `ValueError` also if `max_intensity` is exceeded with an annual frequency of `at_most` or more, because
     λ_f would then be at least `at_most` even if no motion overturned the columns.
     """
@@ -108,7 +112,7 @@ class AnnualFrequency(AbstractScaleTarget):
         self.suite = Suite.of(members_or_samples, owner, "suite")
 
     def distribution(self, podium: rj.Podium, options: rj.Options = rj.Options()) -> rj.Lognormal:
-        """Fit a lognormal distribution to the least overturning intensities, in the unit of the hazard.
+        """Fit a lognormal distribution to the overturning intensities, in the unit of the hazard.
 
         The parameters of the distribution are NaN if no distribution can be fitted, for example because fewer
         than two motions overturn the columns.
@@ -116,10 +120,10 @@ class AnnualFrequency(AbstractScaleTarget):
         return self._fit(self.least_scales(podium, options))
 
     def frequency(self, podium: rj.Podium, options: rj.Options = rj.Options()) -> Float[Array, ""]:
-        """Return the mean annual frequency λ_f [1/year].
+        """Return the mean annual frequency of overturning λ_f [1/year].
 
-        If no distribution can be fitted to the overturning intensities, λ_f is the frequency with which
-        `max_intensity` is exceeded.
+        If no distribution can be fitted to the overturning intensities, return the annual frequency with
+        which `max_intensity` is exceeded.
         """
         return self._frequency(self.least_scales(podium, options))
 

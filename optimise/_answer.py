@@ -1,4 +1,7 @@
-"""The result of a design: the outcome of the search from each starting point (start), and the best design."""
+"""The result of a design: the outcome of the search from each starting point (start), and the best design.
+
+A target holds where its margins are ≥ 0.
+"""
 
 from __future__ import annotations
 
@@ -25,10 +28,10 @@ class Outcome(NamedTuple):
     """Outcome of one start.
 
     - `variables`: name → value in the unit of the parameter; `objective`: verified value of the objective
-    - `margin`: least verified margin [–]; inf without targets, NaN if a target is unverified
+    - `margin`: least verified margin [–]; inf without targets, NaN if any margin is NaN
     - `satisfied`: whether objective and margins are finite and all margins are ≥ 0
-    - `result`: a member of `optimise.RESULTS`; `iterations`: number of iterations, including those of
-      corrections
+    - `result`: a member of `optimise.RESULTS`; `iterations`: number of iterations, including those that
+      correct the design after an independent sample or the verification (see `Design.satisfied`)
     """
 
     variables: dict[str, float]
@@ -61,30 +64,31 @@ class Design(Module):
       `optimise.design`, a `Podium` or `Dimensions`
     - `variables`: name → value, in `units`; `objective`: value of the objective at the design, the largest
       entry if it is a vector
-    - `satisfied`: whether objective and margins are finite and all margins are ≥ 0 in the verification: a
-      simulation with rtol ≤ 1e-11 and atol ≤ 1e-13 or, for probabilities and fresh samples, an independent
-      sample
-    - `margins`: target → verified margins [–]; NaN for a probability whose independent sample has not
-      converged
-    - `multipliers`: target → shadow price of each margin [unit of the objective]: if the margin may be −ε
-      instead of 0 (for most targets, if the limit is relaxed by the small fraction ε), the objective
-      decreases by the price times ε. The price is 0 if the limit does not bind. Prices are NaN for all
-      targets if one target is violated or unverified, or if an interrupted search has not determined the
-      prices
+    - `satisfied`: whether, in the verification, objective and margins are finite and all margins are ≥ 0.
+      The verification is a simulation with rtol ≤ 1e-11 and atol ≤ 1e-13 or, for targets on a probability of
+      failure and targets with fresh samples, an independent sample
+    - `margins`: name of the target → verified margins [–]; NaN for a probability of failure whose independent
+      sample has not converged
+    - `multipliers`: name of the target → shadow price of each margin [unit of the objective]. If the margin
+      may be −ε instead of 0, the objective decreases by the price times ε. For most targets, this means that
+      the limit is relaxed by the small fraction ε. The price is 0 if the limit does not bind. All prices are
+      NaN if any target is violated or unverified, or if the search was interrupted before it determined them
     - `result`: a member of `optimise.RESULTS`
-    - `stats`: numbers of `evaluations`, simulated `scenes` and `iterations`, and wall time `seconds`
-    - `history`: the iterations of all starts, each with `start`, `iteration`, `x` (scaled variables),
-      `objective`, `margin`, `residual`, `radius`, `penalty`, `step` and `accepted`. Iterations of corrections
-      are included only if targets have fresh samples
+    - `stats`: numbers of `evaluations`, simulated `scenes` and `iterations`, and wall time `seconds` [s]
+    - `history`: the iterations of all starts. Each has `start`, `iteration`, `x` (scaled variables),
+      `objective`, `margin` (the least one), `residual` (of the optimality conditions), `radius` (of the trust
+      region), `penalty` (of the violation), `step` (largest change of a scaled variable) and `accepted`.
+      Iterations that correct the design after the verification are included only if targets have fresh
+      samples
     - `starts`: the outcome of every start, with `variables`, `objective`, `margin`, `satisfied`, `result` and
       `iterations`; `best`: index of the start that gave this design, from 0
     - `bounds`: name → (lowest, highest); `units`: name → unit; `minimised`: name of the objective
-    - `probabilities`: for targets on a probability of failure, target → estimate of this probability from an
+    - `probabilities`: name of each target on a probability of failure → estimate of this probability from an
       independent sample
-    - `standard_errors`: for targets with fresh samples, target → standard errors of its margins in an
-      independent sample
-    - `overturned`: for targets and objectives on peaks, name → number of scenes in which the columns
-      overturn, if there are any; the peaks of these scenes cover only the time until overturning
+    - `standard_errors`: name of each target with fresh samples → standard errors of its margins in an
+      independent sample [–]
+    - `overturned`: name of the target or objective → number of scenes in which the columns overturn. It lists
+      targets and objectives whose peaks cover only the time until overturning, if there are such scenes
     """
 
     podium: rj.Podium
@@ -221,8 +225,8 @@ class SampleEstimates(NamedTuple):
 class SearchResult(NamedTuple):
     """Result of a search.
 
-    - `ends`: end of the search from each start; `evaluations`: verified evaluations at these points
-    - `margin_counts`: target → number of its margins
+    - `ends`: end of the search from each start; `evaluations`: verified evaluations at the ends
+    - `margin_counts`: name of the target → number of its margins
     - `scale`: number by which the search divides the objective
     - `history`: iterates of all starts; `effort`: cost of the search
     """
@@ -244,11 +248,11 @@ def build_design(
 ) -> Design:
     """Return the best of the designs at which the searches from the starts ended, with all outcomes.
 
-    - `original`: the structure as the user passed it; `variables`: the design variables
+    - `original`: the structure as the user passed it; `variables`: the n design variables
     - `objective`: the minimised objective, None for the design nearest to the user's structure
     - `search`: result of the search
-    - `estimate_samples`: function that returns the estimates from independent samples at scaled variables
-      (n,)
+    - `estimate_samples`: function that takes scaled variables (n,) and returns the estimates from independent
+      samples at this point
     """
     pairs = zip(search.ends, search.evaluations, strict=True)
     outcomes = tuple(_outcome(variables, end, evaluation) for end, evaluation in pairs)
@@ -269,7 +273,7 @@ def build_design(
     lower_and_upper = np.asarray(variables.lower).tolist(), np.asarray(variables.upper).tolist()
     bounds = dict(zip(variables.names, zip(*lower_and_upper, strict=True), strict=True))
     minimised = "distance from the start" if objective is None else objective.describe()
-    # The result has the user's numbers for unvaried parameters; `variables.base` has arrays.
+    # `original` has the user's numbers for unvaried parameters, and `variables.base` has arrays.
     structure = make_variables(original, bounds).structure(best_end.x)
     names = list(search.margin_counts)
     return Design(
@@ -301,8 +305,11 @@ def build_design(
 def _outcome(variables: Variables, end: End, evaluation: Evaluation) -> Outcome:
     """Return the outcome of a start.
 
-    `end.result` is corrected by the verified evaluation: to `not_finite`, from `converged` or `stalled` to
-    `infeasible`, or from `infeasible` to `stalled`.
+    The result of the search, `end.result`, changes if the verified evaluation contradicts it: to `not_finite`
+    if the evaluation is not finite, from `converged` or `stalled` to `infeasible` if a target is violated,
+    and from `infeasible` to `stalled` if all targets hold.
+
+    - `end`: end of the search from the start; `evaluation`: verified evaluation at the end
     """
     is_finite = bool(np.isfinite(evaluation.c).all() and np.isfinite(evaluation.f).all())
     satisfied = is_finite and evaluation.violation == 0
@@ -319,8 +326,8 @@ def _outcome(variables: Variables, end: End, evaluation: Evaluation) -> Outcome:
 
 
 def _rank_outcome(outcome: Outcome, has_targets: bool) -> tuple[int, float]:
-    """Return the sort key of an outcome: satisfied outcomes come first, sorted by objective, then violated
-    ones, sorted by margin, then non-finite ones."""
+    """Return the sort key of an outcome. Satisfied outcomes come first, the smallest objective first; then
+    violated ones, the largest margin first; then non-finite ones."""
     if not np.isfinite([outcome.objective, outcome.margin if has_targets else 0.0]).all():
         return (2, 0.0)
     return (0, outcome.objective) if outcome.satisfied else (1, -outcome.margin)

@@ -45,7 +45,7 @@ def design_chart(
     options: rj.Options = BOUNDARY,
     progress: Any = False,
 ) -> xarray.Dataset:
-    """Return the smallest safe value of a design variable, such as α, for each pulse period.
+    """Return the smallest safe value of a design variable, such as α, for each pulse amplitude and period.
 
     A value is safe if the columns survive with this value and with all larger values up to the upper bound.
     The function cannot be called inside `jax.jit`.
@@ -55,15 +55,16 @@ def design_chart(
     - `pulse`: a pulse class such as `rockjax.Ricker`
     - `a_p`: one or several amplitudes of the pulse, > 0 [m/s²]
     - `T_p`: periods of the pulse, shape (n,), > 0, ascending [s]
-    - `resolution`: number of equal intervals into which the range is divided, ≥ 4; the ends of the intervals
-      are simulated first
+    - `resolution`: number of equal intervals into which the range is divided, ≥ 4. The function first
+      simulates the ends of the intervals, and then refines intervals in which the outcome may change
     - `options`: options of the simulations
     - `progress`: `True` for a progress bar, or any object with a method `update(n)`
 
     Returns a Dataset with the dimensions `a_p` and `T_p`. `smallest_safe_value` is NaN if the columns
     overturn at the upper bound. `boundaries` holds the values of the variable at which survival changes to
-    overturning or back, as far as the scan finds them. They ascend along a further dimension `boundary`,
-    padded with NaN. Raises `ValueError` for invalid inputs.
+    overturning or back. It may lack two values that enclose a narrow range, if no simulated value lies in
+    this range. The values ascend along a further dimension `boundary`, padded with NaN. Raises `ValueError`
+    for invalid inputs, and `RuntimeError` if there is a period at which no simulation finishes.
     """
     import xarray
 

@@ -31,9 +31,9 @@ def design_command(
       if the problem has motions, `output`-response
     - `quiet`: whether to hide the progress bar; `suffix`: file extension of the pictures
 
-    Returns the design, the paths of the written files, and None or, if the search was interrupted, the
-    `rockjax.Interrupted` error, whose `partial` is then the returned design. Raises
-    `rockjax.Interrupted` if a search is interrupted before there is a design.
+    Returns the design, the paths of the written files, and the `rockjax.Interrupted` error if the search was
+    interrupted, otherwise None. After an interruption, the returned design is the attribute `partial` of this
+    error. Raises `rockjax.Interrupted` if the search is interrupted before there is a design.
     """
     import rockjax as rj
     from rockjax._files import as_json, write_atomically, write_figure
@@ -60,18 +60,17 @@ def design_command(
 
 
 def _decisive_motion(problem: Problem, design: Design, motions: list) -> Any:
-    """Return the motion that gives the smallest margin of all targets on the peak responses to single
-    motions.
+    """Return the motion with the smallest margin of all targets that have margins for each motion.
 
-    If there is no such target, return the one of `motions` under which the design has the smallest
-    overturning margin.
+    Only targets on peak responses (`AbstractResponseTarget`) are considered. If none of them has margins for
+    each motion, return the one of `motions` under which the design has the smallest overturning margin.
     """
     from ._suite import Suite
     from ._targets import AbstractResponseTarget
 
     worst_motions = []
     for target, margins in zip(problem.targets, design.margins.values(), strict=True):
-        # A target with one margin for all motions, such as a probability, decides for no single motion.
+        # A target with one margin for all motions, such as a probability, does not distinguish motions.
         if isinstance(target, AbstractResponseTarget) and margins.size % len(target.suite) == 0:
             worst_margins = margins.reshape(len(target.suite), -1).min(axis=1)  # of each motion
             motion = target.suite.motion(int(np.argmin(worst_margins)))
@@ -82,11 +81,10 @@ def _decisive_motion(problem: Problem, design: Design, motions: list) -> Any:
 
 
 def joint_peaks(problem: Problem, design: Design) -> Any:
-    """Return the peak forces in the joints under all motions of a problem; the command warns of joints that
-    slide or open.
+    """Return the peak forces in the joints under all motions of a problem, as attributes of an object.
 
-    Return None if the podium has no elevation (positions of columns and heights of masses) or the problem has
-    no motions.
+    The command `rockjax design` uses these forces to warn of joints that slide or open. Return None if the
+    podium has no elevation (positions of columns and heights of masses) or the problem has no motions.
     """
     from types import SimpleNamespace
 

@@ -1,8 +1,8 @@
 """Data types of a search for a design: evaluations, settings, iterates and ends of descents.
 
-A descent is the search from one starting point (start). It is a coroutine that yields points and receives
-their evaluations, so that the points of many descents can be evaluated in one batch. A target holds where its
-margins are ≥ 0.
+A descent is the search from one starting point (start). Each descent is a coroutine that yields points and
+receives their evaluations, so that the points of many descents can be evaluated in one batch. A target holds
+where its margins are ≥ 0. n is the number of design variables.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from ._results import CONVERGED, INFEASIBLE, STALLED
 class Evaluation(NamedTuple):
     """Evaluation of a design point, in scaled variables (0 and 1 are the bounds).
 
-    - `f`: values (k,) of the objective, the largest of which is minimised; `f_slope`: their Jacobian (k, n)
+    - `f`: values (k,) of the objective; the largest is minimised; `f_slope`: their Jacobian (k, n)
     - `c`: margins (m,) of all targets [–]; `c_slope`: their Jacobian (m, n)
-    - `overturned`: number of overturned scenes of each target and, as the last entry, of the objective; empty
-      if overturned scenes were not counted
+    - `overturned`: number of overturned scenes (simulations) of each target and, as the last entry, of the
+      objective; empty if overturned scenes were not counted
     """
 
     f: Vector
@@ -41,7 +41,7 @@ class Evaluation(NamedTuple):
         return float(max(0.0, np.max(-self.c, initial=0.0)))
 
     def merit(self, weight: float, penalty: float) -> float:
-        """Return the merit, weight · max(f) + penalty · violation, which a descent decreases."""
+        """Return the merit: weight · max(f) + penalty · violation. A descent decreases the merit."""
         return weight * float(np.max(self.f)) + penalty * self.violation
 
 
@@ -63,7 +63,8 @@ class Settings(NamedTuple):
 
     @property
     def accepted_violation(self) -> float:
-        """Largest accepted shortfall of a margin from `shift` [–]; the margin is then still positive."""
+        """Largest accepted shortfall of a margin from `shift` [–]; a margin with this shortfall is still
+        positive."""
         return 0.5 * self.shift
 
 
@@ -73,10 +74,12 @@ class Iterate(NamedTuple):
     - `start`: index of the start; `iteration`: index of the iteration
     - `x`: scaled variables (n,) before the step; `objective`: largest objective value at `x`; `margin`:
       least margin at `x` [–], inf without targets
-    - `residual`: residual of the optimality conditions (NaN for gradient steps)
-    - `radius`: radius of the trust region (for gradient steps, the factor on the step)
-    - `penalty`: penalty ν of the violation (for gradient steps, ρ of the augmented Lagrangian)
+    - `residual`: residual of the optimality conditions
+    - `radius`: radius of the trust region, in scaled variables; `penalty`: penalty ν of the violation
     - `step`: largest absolute entry of the step, in scaled variables; `accepted`: whether the step was taken
+
+    In gradient steps (`_gradients.py`), `residual` is NaN, `radius` is the factor on the step, and `penalty`
+    is ρ of the augmented Lagrangian.
     """
 
     start: int
@@ -92,12 +95,12 @@ class Iterate(NamedTuple):
 
 
 class End(NamedTuple):
-    """End of a descent.
+    """End of the search from one start.
 
     - `x`: scaled variables (n,); `multipliers`: multipliers (m,) of the margins, for the objective divided by
       `Settings.scale`
     - `result`: code of `RESULTS`; `iterations`: number of iterations
-    - `evaluation`: evaluation at `x`, to which a descent has applied `scale_evaluation`
+    - `evaluation`: evaluation at `x`, scaled by `scale_evaluation` except in a search with fresh samples
     """
 
     x: Vector
@@ -111,8 +114,8 @@ Descent = Generator[Vector, Evaluation, End]
 
 
 def scale_evaluation(evaluation: Evaluation, settings: Settings) -> Evaluation:
-    """Return an evaluation as a descent uses it: values divided by `scale`, and margins minus `shift`;
-    overturned scenes are not counted."""
+    """Return an evaluation as a descent uses it: values divided by `scale`, margins minus `shift`, and no
+    numbers of overturned scenes."""
     return Evaluation(
         evaluation.f / settings.scale,
         evaluation.c - settings.shift,
@@ -122,16 +125,16 @@ def scale_evaluation(evaluation: Evaluation, settings: Settings) -> Evaluation:
 
 
 def rank(evaluation: Evaluation) -> tuple[float, float]:
-    """Return the sort key of an evaluation: first its violation, then its largest objective value."""
+    """Return the sort key of an evaluation: first the violation, then the largest objective value."""
     return (evaluation.violation, float(np.max(evaluation.f)))
 
 
 def objective_scale(evaluations: list[Evaluation]) -> float:
     """Return a typical change of the objective between the bounds of a variable.
 
-    This is the median of the largest absolute slopes of the evaluations, without slopes of zero. If all
-    slopes are zero, return the largest absolute objective value, or 1 if all objective values are zero as
-    well.
+    Each evaluation has a largest absolute slope. The typical change is the median of these slopes, without
+    slopes of zero. If all slopes are zero, return the largest absolute objective value, or 1 if all objective
+    values are zero as well.
 
     - `evaluations`: finite evaluations at the starting points
     """
@@ -148,8 +151,7 @@ def final_result(current: Evaluation, residual: float, settings: Settings) -> in
     - `current`: scaled evaluation at the last point; `residual`: residual of the optimality conditions there
     - `settings`: settings of the descent
     """
-    # Scaled margins are reduced by `shift`, so a violation above `shift` means that a true margin is
-    # negative.
+    # The evaluation has margins minus `shift`, so a violation above `shift` means a negative true margin.
     if current.violation > settings.shift:
         return INFEASIBLE
     return CONVERGED if residual <= 100 * settings.tolerance else STALLED

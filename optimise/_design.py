@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     import optax
 
 MAX_REFINEMENTS = 3  # largest number of rounds that correct small violations found in the verification
-SAMPLED_TOLERANCE = 1e-4  # smallest tolerance with sampled probabilities; their scatter is larger
-MAX_CORRECTIONS = 3  # largest number of rounds that continue a search that independent samples contradict
+SAMPLED_TOLERANCE = 1e-4  # smallest tolerance with sampled probabilities, whose scatter is larger
+MAX_CORRECTIONS = 3  # largest number of times that a search continues after independent samples contradict it
 MAX_CHECKED_ENDS = 4  # largest number of ends at which independent samples are taken in one round
 MAX_SAMPLE_VIOLATION = 0.2  # largest violation in an independent sample that is corrected [–]
 
@@ -57,42 +57,44 @@ def design(
 ) -> Design:
     """Find the structure that satisfies all targets and minimises an objective; outside jit.
 
-    - `podium`: the first starting point, a `rockjax.Podium`, or an `optimise.Dimensions` to vary masses too;
-      a varied parameter outside its bounds starts at the nearer bound. All parameters that are not varied
-      keep their values
-    - `vary`: name → (lowest, highest) in the unit of the parameter. The names are those of parameters of the
-      structure. A `Podium` has `alpha`, `tan_alpha`, `R`, `gamma`, `lam`, `g`, `restitution`, `eta`, `T_s`,
-      `zeta`, `width`, `height` (if only one of these two varies, the other keeps its value), and others. In a
-      search, variables are scaled to [0, 1] between their bounds, logarithmically if the range is positive
+    - `podium`: the first starting point, a `rockjax.Podium`, or an `optimise.Dimensions` to vary masses too.
+      A varied parameter outside its bounds starts at the nearer bound. Parameters that are not varied keep
+      their values
+    - `vary`: name of a parameter of the structure → (lowest, highest) in the unit of the parameter. A
+      `Podium` has `alpha`, `tan_alpha`, `R`, `gamma`, `lam`, `g`, `restitution`, `eta`, `T_s`, `zeta`,
+      `width`, `height` and others. If only one of `width` and `height` varies, the other keeps its value. In
+      a search, variables are scaled to [0, 1] between their bounds, logarithmically if the range is positive
       and highest/lowest > 10. Values within the bounds that together define no valid structure, such as
       columns that overlap, are treated like a simulation that does not finish
-    - `minimise`: an objective, or a function of the podium that returns a number or a vector, whose largest
-      entry is minimised. None finds the design that satisfies the targets and is nearest to `podium` in
-      scaled variables
-    - `targets`: one or more targets to satisfy; targets on the same motions share their simulations
-    - `method`: `"sqp"`, sequential quadratic programming; or an `optax.GradientTransformation`; `"adam"` is
-      short for `optax.adam(0.02)`. A transformation takes `max_iterations` steps on an augmented Lagrangian
-      in scaled variables, and `"sqp"` continues from the best point of each start. Targets with
-      `FreshSamples` need a transformation, and `"sqp"` does not follow it
+    - `minimise`: an objective, or a function of the podium that returns a number or a vector. The largest
+      entry of a vector is minimised. None finds the design that satisfies the targets and is nearest to
+      `podium` in scaled variables
+    - `targets`: targets to satisfy; targets on the same motions share their simulations
+    - `method`: `"sqp"` for sequential quadratic programming, or an `optax.GradientTransformation`; `"adam"`
+      is short for `optax.adam(0.02)`. A transformation takes `max_iterations` steps on an augmented
+      Lagrangian in scaled variables. Then `"sqp"` continues from the best point of each start. Targets with
+      `FreshSamples` need a transformation, and `"sqp"` does not continue its search
     - `starts`: number of starting points, ≥ 1: `podium`, and a random Latin hypercube for the others
     - `seed`: seed of the random starting points, ≥ 0
     - `options`: options of the simulations; their `outputs` and `throw` are ignored
-    - `tolerance`: from 1e-10 to 1e-2; the search ends when the optimality conditions, in scaled variables,
-      hold to this tolerance. It aims at margins (≥ 0 where a target holds) of at least this value. With a
-      `FailureProbability`, at least 1e-4 is used
+    - `tolerance`: from 1e-10 to 1e-2 [–]. The search ends when the optimality conditions, in scaled
+      variables, hold to this tolerance. A target holds where its margins are ≥ 0; the search aims at margins
+      of at least `tolerance`. With a `FailureProbability`, a tolerance below 1e-4 is raised to 1e-4
     - `max_iterations`: for every start, the largest number of iterations of `"sqp"`, or the number of steps
       of a gradient transformation, ≥ 1. None means 60 for `"sqp"`, 100 for a transformation, and 300 with
-      `FreshSamples`. Not counted are up to 60 iterations of `"sqp"` after a transformation, and iterations
-      that correct a design after an independent sample or the verification (see `Design.satisfied`)
+      `FreshSamples`. This number does not include up to 60 iterations of `"sqp"` after a transformation, and
+      iterations that correct a design after an independent sample or the verification (see
+      `Design.satisfied`)
     - `progress`: `True` for a progress bar, or any object with a method `update(n)`, which is called with
       n = 1 after each evaluation of all starts
 
     If no design is found that satisfies the targets, the design with the smallest violation is returned, with
-    `satisfied = False`. Raises `ValueError` for invalid inputs. Ctrl-C raises [`rockjax.Interrupted`][],
-    whose attribute `partial` is the best design until then or, with `FreshSamples`, the mean of the latest
-    steps. This design is evaluated with the tolerances of the verification, but not corrected, and no new
-    independent sample is taken for a `FailureProbability`. If Ctrl-C comes during the first evaluation,
-    `partial` is None.
+    `satisfied = False`. Raises `ValueError` for invalid inputs.
+
+    Ctrl-C raises [`rockjax.Interrupted`][]. The attribute `partial` of this error is the best design so far
+    or, with `FreshSamples`, the mean of the latest steps. This design is evaluated with the tolerances of the
+    verification, but not corrected. No new independent sample is taken for a `FailureProbability`. If Ctrl-C
+    comes during the first evaluation, `partial` is None.
     """
     start_time = time.perf_counter()
     transformation = transformation_of(method)
@@ -172,8 +174,8 @@ class DescentSearch:
     def run(self) -> bool:
         """Run the search and return whether it was interrupted.
 
-        If the search is interrupted, every start whose descent has not ended ends at its best point until
-        then. Raises `rockjax.Interrupted` if the first evaluation is interrupted.
+        If the search is interrupted, every start whose descent has not ended ends at its best point so far.
+        Raises `rockjax.Interrupted` if the first evaluation is interrupted.
         """
         evaluate, starts = self.evaluate, range(len(self.points))
         try:
@@ -203,7 +205,7 @@ class DescentSearch:
             self.ends |= {k: self.end_so_far(k, settings) for k in starts if k not in self.ends}
             self.evaluations = evaluate(self.end_points)
             for k, evaluation in enumerate(self.evaluations):
-                if _small_violation(self.ends[k], evaluation, np.inf):  # nothing has corrected it
+                if _small_violation(self.ends[k], evaluation, np.inf):  # not corrected
                     self.ends[k] = self.ends[k]._replace(result=INTERRUPTED)
             return True
         return False
@@ -217,7 +219,7 @@ class DescentSearch:
         limit = MAX_SAMPLE_VIOLATION if self.evaluate.sampled_targets.targets else 1e3 * tolerance
         for _ in range(MAX_REFINEMENTS):
             violations = {k: _small_violation(self.ends[k], e, limit) for k, e in enumerate(self.evaluations)}
-            # Aim at a margin that is larger by twice the violation.
+            # Aim at a margin that exceeds `tolerance` by twice the violation.
             descents = {
                 k: _descend_further(self.ends[k], settings._replace(shift=tolerance + 2 * violation), k)
                 for k, violation in violations.items()
@@ -229,9 +231,9 @@ class DescentSearch:
             self.evaluations = self.evaluate_with_samples()
 
     def evaluate_with_samples(self) -> list[Evaluation]:
-        """Take independent samples at the best end, and return the evaluations at all ends.
+        """Take an independent sample of each probability at the best end; return the evaluations at all ends.
 
-        A new sample may show that another end is the best, which is then sampled as well; at most
+        If another end is the best after these samples, this end is sampled as well. At most
         `MAX_CHECKED_ENDS` ends are sampled.
         """
         for _ in range(MAX_CHECKED_ENDS):
@@ -244,8 +246,8 @@ class DescentSearch:
         return self.evaluate(self.end_points)
 
     def correct(self, settings: Settings) -> None:
-        """Continue the descents from their ends as long as an independent sample at the best end contradicts
-        the estimate of the search, but not more than `MAX_CORRECTIONS` times."""
+        """Continue the descents from their ends while an independent sample at the best end contradicts the
+        estimate of the search, at most `MAX_CORRECTIONS` times."""
         for _ in range(MAX_CORRECTIONS if self.evaluate.sampled_targets.targets else 0):
             best = _best_index(self.evaluate(self.end_points))
             _, differs = self.evaluate.sampled_targets.check(self.end_points[best])
@@ -290,7 +292,7 @@ class DescentSearch:
 
 
 def _descend_further(end: End, settings: Settings, start: int) -> Descent:
-    """Continue a descent from its end; the new end counts the iterations of both parts."""
+    """Continue a descent from its end. The new end has the sum of the iterations of both parts."""
     further = yield from descend(end.x, settings, [], start)
     return further._replace(iterations=end.iterations + further.iterations)
 
@@ -355,7 +357,8 @@ def _starting_points(variables: Variables, starts: int, seed: int) -> np.ndarray
 
 
 def _best_index(evaluations: list[Evaluation]) -> int:
-    """Return the index of the best evaluation: least violation, then least objective."""
+    """Return the index of the best evaluation: the least violation and, among equal violations, the least
+    objective."""
     keys = [rank(e) if e.is_finite else (np.inf, np.inf) for e in evaluations]
     return min(range(len(keys)), key=keys.__getitem__)
 

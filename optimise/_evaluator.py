@@ -1,7 +1,7 @@
 """Evaluations of design points, one for each start (starting point of a search), in one batch.
 
 An evaluation contains the values of the objective, the margins of the targets, and the derivatives of both
-with respect to the scaled variables.
+with respect to the scaled variables. A scene is one structure under one ground motion.
 """
 
 from __future__ import annotations
@@ -41,15 +41,15 @@ BOOTSTRAP_SAMPLES = 200  # resamples from which standard errors are estimated
 class DesignProblem(Module):
     """Objective values and target margins as a differentiable function of the design variables.
 
-    Targets and the objective are called items. All items that read peak responses share one combined suite,
-    which contains the motions of equal suites only once.
+    Targets and the objective are called items. All items that read peak responses share one combined suite of
+    motions. The combined suite contains the motions of equal suites only once.
 
     - `variables`: the design variables; `targets`: the targets
     - `objective`: the objective; None to minimise the squared distance from the user's structure, in scaled
       variables
     - `suite`: the combined suite, None if no item reads responses
-    - `slices`: for each target and then the objective, the range (first, end) of its motions in `suite`; None
-      for an item that reads no responses
+    - `slices`: for each target and then the objective, the ends (first, end) of a slice of `suite` that
+      contains its motions; None for an item that reads no responses
     - `outputs`: requested outputs of the simulations; `scenes`: number of scenes of one evaluation
     """
 
@@ -67,7 +67,7 @@ class DesignProblem(Module):
         """Evaluate a point x in scaled variables.
 
         Returns the objective values (k,), the margins (m,) of every target, and the number of overturned
-        scenes of every item, which is counted only for items with `until_overturning` and otherwise 0.
+        scenes of every item. This number is 0 for items without `until_overturning`.
         """
         podium = self.variables.podium(x)
         peaks = None if self.suite is None else self.suite.responses(podium, options, self.outputs)
@@ -131,17 +131,20 @@ def build_problem(
 
 
 def _floats_to_arrays(item: Any) -> Any:
-    """Turn Python floats into arrays: compiled programs take arrays as arguments, but floats as constants,
-    so that other floats would need another compilation.
+    """Turn Python floats into arrays, so that other values need no other compilation.
 
-    Zeros stay floats, because a zero may mean that a component is absent.
+    Compiled programs take arrays as arguments and contain Python floats as constants. Zeros stay floats,
+    because a zero may mean that a component is absent.
     """
     return jax.tree.map(lambda y: as_float(y) if isinstance(y, float) and y else y, item)
 
 
 def _trace_functions(variables: Variables, objective: AbstractObjective | None) -> AbstractObjective | None:
-    """Replace user functions by traced ones, for which the store of compiled programs finds the program of an
-    earlier function with the same jaxpr."""
+    """Replace the user's functions by instances of `TracedFunction`.
+
+    The store of compiled programs identifies a `TracedFunction` by its lowered program. A new function that
+    computes the same as an earlier one therefore uses the stored program of the earlier one.
+    """
 
     def trace(leaf: Any) -> Any:
         if not isinstance(leaf, PodiumFunction) or isinstance(leaf.function, TracedFunction):
@@ -158,7 +161,7 @@ def _trace_functions(variables: Variables, objective: AbstractObjective | None) 
 @functools.partial(StoredProgram, arrays_only=True, description="the design with its derivatives")
 def _evaluate_points(problem: DesignProblem, options: rj.Options, points: Float[Array, "starts n"]):
     """Return, for each point, the Jacobians of the objective values and of the margins of every target, and
-    the result of `problem`."""
+    everything that `problem` returns."""
 
     def evaluate_point(x):
         def with_result(x):
@@ -172,7 +175,7 @@ def _evaluate_points(problem: DesignProblem, options: rj.Options, points: Float[
 
 @functools.partial(StoredProgram, arrays_only=True)
 def _least_scales(target: AbstractScaleTarget, options: rj.Options, podium: rj.Podium):
-    """Return the least overturning scales (k,) of the motions of a target."""
+    """Return the overturning scales (k,) of the motions of a target."""
     return target.least_scales(podium, options)
 
 
@@ -190,7 +193,7 @@ class MarginEstimate(NamedTuple):
 
 
 def fresh_samples_of(item: Any) -> FreshSamples | None:
-    """Return the fresh samples of a target, None if its motions are fixed."""
+    """Return the fresh samples of a target or objective; None if it has fixed motions or none."""
     suite = getattr(item, "suite", None)
     return suite.fresh_samples if isinstance(suite, Suite) else None
 
@@ -208,18 +211,18 @@ def verification_options(options: rj.Options) -> rj.Options:
 
 
 def options_as_arrays(options: rj.Options) -> rj.Options:
-    """Return options with arrays in place of numbers, because compiled programs take arrays as arguments."""
+    """Return options with arrays in place of numbers, because numbers would be constants of a program."""
     return jax.tree.map(as_float, options)
 
 
 class Evaluator:
     """Evaluate one point of every start in one batch, store the best point of each start and count the cost.
 
-    Points are ranked by the shortfall of their margins from half of `target_margin`, with which descents end
-    as well (`Settings.accepted_violation`), and then by their objective.
+    Points are ranked first by the largest shortfall of a margin from half of `target_margin`, and then by the
+    objective. Descents also accept margins of half of `target_margin` (`Settings.accepted_violation`).
 
     - `problem`: objective, and targets that JAX can trace; `sampled_targets`: targets on probabilities of
-      failure, which cannot be traced
+      failure, which JAX cannot trace
     - `options`: options of the simulations; `points`: starting points (starts, n), in scaled variables
     - `target_margin`: least margin that the search aims at [–]; `bar`: progress bar
 
@@ -259,9 +262,11 @@ class Evaluator:
         """Return the evaluations at points (starts, n).
 
         Objective values are NaN where `check_structure` fails. `count` is the number by which `evaluations`
-        increases; None for the number of points. If `is_accurate` is True, simulations
-        use the tolerances of verification, and the objective and targets without fresh samples use the
-        `width` that the user gave.
+        increases; None for the number of points.
+
+        If `is_accurate` is True, simulations use the tolerances of verification. The objective, and targets
+        without fresh samples, then search for overturning with the `width` (resolution) that the user gave.
+        Otherwise, and for targets with fresh samples, the `width` is coarser (`while_searching`).
         """
         options = verification_options(self.options) if self.is_accurate else self.options
         problem = self.full_problem if self.is_accurate else self.problem
@@ -293,10 +298,10 @@ class Evaluator:
         return evaluations
 
     def check_structure(self, x: np.ndarray) -> None:
-        """Raise `ValueError` if there is no valid structure at x (n,), or if its margin is not defined.
+        """Raise `ValueError` if there is no valid structure at x (n,), or if its overturning margin is
+        requested and not defined.
 
-        Compiled programs cannot check parameters against each other, such as the distance of columns against
-        their width.
+        Compiled programs cannot compare parameters, such as the distance of columns with their width.
         """
         check_overturn_ratio("design", self.problem.variables.podium(x), self.checked_options)
 
@@ -326,7 +331,7 @@ class Evaluator:
         rng = np.random.default_rng([samples.seed, k])
         resamples = rng.integers(scales.size, size=(BOOTSTRAP_SAMPLES, scales.size))
         resamples[0] = np.arange(scales.size)  # the sample itself
-        # Margins of given scales do not depend on the records, so any batch will do.
+        # Margins of given scales do not depend on the records, so any batch can be used here.
         margins = np.asarray(
             _margins_of_samples(_with_records(target, samples.draw(0)), as_float(scales[resamples]))
         )

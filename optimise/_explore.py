@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 
 OUTPUTS = (*DEFAULT_OUTPUTS, "margin")
 POINTS = 1001  # points of each curve
-TIME_AFTER = 12.0  # time drawn after the end of the motion, times the frequency parameter p of the columns
+TIME_AFTER = 12.0  # p times the time drawn after the end of the motion; p is the frequency parameter [rad/s]
 _WIDTH, _ROW_HEIGHT, _DPI = 8.0, 2.0, 80  # width and row height of the picture [in], dots per inch
 PIXEL_RATIO = 2  # width of the PNG divided by its width on the page, for high-resolution screens
 SLIDER_POSITIONS = 500  # largest number of steps of a slider before refinement
@@ -65,14 +65,15 @@ class Explorer:
     """Sliders for a structure and its ground motion, and the response.
 
     - `widget`: widget that a notebook shows; `sliders`: name → `ipywidgets.FloatSlider`
-    - `values`: name → value in the unit of the parameter; exactly the initial value until the slider moves,
-      even if the slider shows a rounded value
-    - `structure`, `podium`, `excitation`, `peak`: structure (as the given type and as a podium), motion and
-      peak response for these values
-    - `picture`: picture of the response as PNG, twice as wide in pixels as on the page
+    - `values`: name → value in the unit of the parameter. Until its slider moves, a value is exactly the
+      initial value, even if the slider shows a rounded value
+    - `structure`: structure for these values, a `Podium` or `Dimensions` like the given one; `podium`: the
+      same structure as a `Podium`
+    - `excitation`: ground motion for these values; `peak`: peak response of the structure to this motion
+    - `picture`: picture of the response as PNG, with twice as many pixels in width as on the page
 
-    If the values together define no valid structure, the reason takes the place of the table of peaks,
-    `structure` and `podium` raise it as a `ValueError`, and `peak` and `picture` do not change.
+    If the values together define no valid structure, an error message replaces the table of peaks, and `peak`
+    and `picture` do not change. `structure` and `podium` then raise a `ValueError` with this message.
     """
 
     def __init__(self, structure, excitation, vary: Mapping[str, tuple[float, float]], options: rj.Options):
@@ -168,7 +169,7 @@ def explore(
       are not varied keep their values
     - `vary`: name → (lowest, highest) in the unit of the parameter. A name denotes a parameter of the
       structure, as in [`optimise.design`][], or a scalar field of the motion, such as `a_p` and `T_p` of a
-      pulse or `scale` of a record. A name that structure and motion share denotes the parameter of the
+      pulse or `scale` of a record. If structure and motion share a name, it denotes the parameter of the
       structure
     - `options`: options of the simulations; their `outputs` and `throw` are ignored
 
@@ -213,8 +214,11 @@ def explore(
 
 
 def _outputs(options: rj.Options) -> tuple[str, ...]:
-    """Return the outputs to request. The overturning margin, the last of `OUTPUTS`, is requested only with
-    engine="flat" and overturn_ratio ≤ 1, because only then is it defined for every structure."""
+    """Return the outputs to request.
+
+    The overturning margin, the last of `OUTPUTS`, is requested only if `options` have engine="flat" and
+    overturn_ratio ≤ 1. With other options, the margin is not defined for every structure.
+    """
     return OUTPUTS if float(options.overturn_ratio) <= 1 and options.engine == "flat" else OUTPUTS[:-1]
 
 
@@ -254,10 +258,11 @@ class _Study(Module):
 
 
 class _Simulation(Module):
-    """Peaks of a scene, and curves over time.
+    """Peaks of the response of the podium, and curves over time.
 
-    - `peak`: the peaks; `t`: times (n,) of the curves [s]; `rotation`: θ/α [–]
-    - `deformation`: deformation of the superstructure [m]; `ground_acceleration`: ü_g [g]
+    - `peak`: the peaks; `t`: times (n,) of the curves [s]; `rotation`: rotation θ/α of the columns [–]
+    - `deformation`: deformation of the superstructure [m]; `ground_acceleration`: horizontal ground
+      acceleration ü_g [g]
     """
 
     peak: rj.Peak
@@ -269,7 +274,7 @@ class _Simulation(Module):
 
 @eqx.filter_jit
 def _simulate(study: _Study, values: Float[ArrayLike, " n"], options: rj.Options) -> _Simulation:
-    """Simulate the scene for the slider values (n,), and compute its curves."""
+    """Simulate the response for the slider values (n,), and compute its curves."""
     structure, excitation = study.at(values)
     podium = as_podium(structure)
     response = rj.simulate(podium, excitation, options=options)
@@ -284,7 +289,11 @@ def _simulate(study: _Study, values: Float[ArrayLike, " n"], options: rj.Options
 
 
 def _deformation(response: rj.Response, podium: rj.Podium, t: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Return the deformation (n,) of the superstructure [m]: of the roof of a building, or of mode 1."""
+    """Return the deformation of the superstructure at times t (n,), shape (n,) [m].
+
+    For a building, this is the displacement of the roof relative to the beam; with several modes, the
+    deformation of mode 1.
+    """
     if isinstance(podium.superstructure, rj.ShearBuilding):
         return jnp.sum(response.drift(t), axis=-1)
     deformation = response.deformation(t)
@@ -310,10 +319,10 @@ class _Grid(NamedTuple):
 
     @classmethod
     def containing(cls, low: float, high: float, value: float) -> _Grid:
-        """Return a grid from `low` to `high` with the least round step that gives at most `SLIDER_POSITIONS`
-        steps.
+        """Return a grid from `low` to `high`, if possible with the position `value`.
 
-        If `value` is not a position, the step is divided by 10, up to `MAX_REFINEMENTS` times.
+        The step is 1, 2 or 5 times a power of 10: the least such step that gives at most `SLIDER_POSITIONS`
+        steps. While `value` is not a position, the step is divided by 10, at most `MAX_REFINEMENTS` times.
         """
         rough_step = (high - low) / SLIDER_POSITIONS
         unit = 10.0 ** math.floor(math.log10(rough_step))
@@ -329,8 +338,7 @@ class _Grid(NamedTuple):
     def read(self, shown_value: float, initial_value: float) -> float:
         """Return the value of the parameter for the value that its slider shows.
 
-        This is the initial value if the slider shows the position nearest to the initial value, otherwise the
-        shown value.
+        At the position nearest to the initial value, this is the initial value, otherwise the shown value.
         """
         if not self.has_position(shown_value):
             return shown_value
@@ -372,7 +380,7 @@ class _Drawing:
         if not podium.vibrates:
             del rows[1]
         with plt.style.context(STYLE):
-            # The margins are fixed, because a layout engine would take longer than the drawing.
+            # The space around the axes is fixed, because a layout engine would take longer than the drawing.
             self.figure = Figure(figsize=(_WIDTH, _ROW_HEIGHT * len(rows)), dpi=_DPI)
             FigureCanvasAgg(self.figure)
             axes = self.figure.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0]

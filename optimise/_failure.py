@@ -1,9 +1,10 @@
 """Target on a probability of failure under random ground motions.
 
-The probability is estimated by sampling, outside jit, one structure at a time. A vector u of random variables
-determines the ground motion. During a search, the probability is estimated from rays: half-lines from u = 0
-through samples u for which the structure fails. The positions at which a ray enters and leaves failure give
-the probability of failure (`rockjax/_risk/rays.py`).
+The probability P of failure is estimated by sampling, outside jit, for one structure at a time. A vector u of
+standard normal numbers determines the ground motion. During a search for a design, P is estimated from rays:
+half-lines from u = 0 through samples u for which the first structure of the search fails. The positions at
+which a ray enters and leaves the region of failure give P (`rockjax/_risk/rays.py`). An independent sample,
+with another seed, verifies the design.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from ._suite import Values
 from ._targets import AbstractTarget, Name, require_limit
 
 SAFETY_FACTOR = 1.645  # in 95 % of independent samples, the error of ln P is below this many standard errors
-MAX_SCENES = 10_000_000  # largest number of scenes of an independent sample
+MAX_SCENES = 10_000_000  # largest number of scenes (simulations) of an independent sample
 # A structure uses the independent sample of another one if all relative differences of their parameters are
 # at most this.
 SAME_STRUCTURE = 1e-3
@@ -44,18 +45,18 @@ class FailureProbability(AbstractTarget):
     - `rays`: number of rays (see below) from which the search computes the probability, ≥ 8
     - `name`: name in reports; None for a description
 
-    Let u be the standard normal variables that define the motion. If they are multiplied by k, the
-    probability of failure is `at_most`; the margin is ln k. For motions without a pulse, k is a factor on the
-    motion. During the search k is computed along rays, half-lines from u = 0 through failing samples of the
-    first structure; the same rays serve all structures. The derivatives of k with respect to the design
-    variables follow from the implicit function theorem. The search aims below `at_most` to allow for the
-    scatter between two samples.
+    A vector u of standard normal numbers determines the motion. Let k be the factor on u with which the
+    probability of failure equals `at_most`. The margin is ln k. For motions without a pulse, k is a factor on
+    the motion. During the search, k is computed along rays: half-lines from u = 0 through failing samples of
+    the first structure. The same rays are used for all structures. The derivatives of k with respect to the
+    design variables follow from the implicit function theorem. The search aims at a probability below
+    `at_most`, to allow for the scatter between two samples.
 
     A design is verified by subset simulation with another seed. The probability along the rays is multiplied
     by a factor so that it agrees with this independent sample, and the margin is computed again.
     `Design.probabilities` contains the estimate from the sample. If the sample has not converged in 10
-    million scenes, the margin is NaN, and the design is not satisfied, with the result `unverified` if no
-    target is violated. Raises `ValueError` for invalid arguments.
+    million scenes (simulations), the margin is NaN, and the design is not satisfied. Its result is then
+    `unverified`, unless another target is violated. Raises `ValueError` for invalid arguments.
     """
 
     at_most: float = eqx.field(static=True)
@@ -96,8 +97,8 @@ class FailureProbability(AbstractTarget):
     def margins(self, podium: rj.Podium, options: rj.Options) -> Values:
         """Return the margin (1,) of a structure, from rays sampled for this structure; outside jit and grad.
 
-        As in a search, the margin belongs to a probability below `at_most`, to allow for scatter. `options`
-        has no effect.
+        As in a search, the margin is computed for a probability below `at_most`, to allow for the scatter
+        between two samples. `options` has no effect.
         """
         if any(concrete(y) is None for y in jax.tree.leaves(podium)):
             raise ValueError(
@@ -122,8 +123,8 @@ class _IndependentSample(NamedTuple):
 
     - `parameters`: all parameters (n,) of the structure; `estimate`: the estimate of its probability of
       failure
-    - `ratio`: this probability divided by the estimate along the rays; if the sample has not converged, the
-      ratio of the nearest earlier sample
+    - `ratio`: this probability divided by the estimate along the rays. If the sample has not converged, the
+      ratio of the earlier sample with the most similar structure, or 1 without an earlier sample
     """
 
     parameters: np.ndarray
@@ -137,8 +138,8 @@ class RayTarget:
     - `target`: the target; `podium`: the structure for which rays are sampled, the first one of a search
 
     Attributes: `scenes` is the number of simulated scenes, and `samples` contains the independent samples.
-    `is_verifying` is True while a design is verified; margins then include no allowance for scatter. Raises
-    `ValueError` if rays cannot be sampled.
+    `is_verifying` is True while a design is verified. Margins then include no allowance for the scatter
+    between two samples. Raises `ValueError` if rays cannot be sampled.
     """
 
     def __init__(self, target: FailureProbability, podium: rj.Podium):
@@ -169,31 +170,31 @@ class RayTarget:
         )
 
     def _target_probability(self, podium: rj.Podium) -> float:
-        """Return the probability that the rays must give with the factor k.
+        """Return the probability, at most 0.9, that the rays must give with the factor k.
 
-        This is `at_most` divided by the ratio of the nearest independent sample and, during a search, reduced
-        by an allowance for scatter; at most 0.9.
+        This is `at_most` divided by `_ratio` and, during a search, reduced by an allowance for scatter.
         """
         safety = 0.0 if self.is_verifying else self.spread
         return min(self.target.at_most / self._ratio(podium) * math.exp(-safety), 0.9)
 
     @property
     def spread(self) -> float:
-        """Difference by which ln P of one sample exceeds ln P of another in at most 5 % of all pairs."""
+        """Allowance for scatter in ln P. In 5 % of all pairs of independent samples, ln P of the first sample
+        exceeds ln P of the second by more than this."""
         return SAFETY_FACTOR * math.sqrt(2) * self.target.cov
 
     def _ratio(self, podium: rj.Podium) -> float:
-        """Return `ratio` of the independent sample at the nearest structure; 1 if there is no sample yet."""
+        """Return `ratio` of the independent sample at the most similar structure; 1 without a sample."""
         if not self.samples:
             return 1.0
         parameters = _parameters(podium)
         return min(self.samples, key=lambda sample: _largest_difference(sample.parameters, parameters)).ratio
 
     def check(self, podium: rj.Podium) -> float | None:
-        """Take an independent sample at a structure, and return the change of ln P at this structure; 0 if
-        the sample has not converged.
+        """Take an independent sample at a structure, and return the change of the estimate of ln P there.
 
-        Return None, without sampling, if `checked_estimate` has an estimate for the structure.
+        The change is 0 if the sample has not converged. Return None, without sampling, if `checked_estimate`
+        returns an estimate for the structure.
         """
         if self.checked_estimate(podium) is not None:
             return None
@@ -211,8 +212,8 @@ class RayTarget:
         return math.log(ratio / old_ratio)
 
     def checked_estimate(self, podium: rj.Podium) -> rj.FailureProbability | None:
-        """Return the estimate from the latest independent sample at this structure, or at one that differs by
-        at most `SAME_STRUCTURE`; None without such a sample."""
+        """Return the estimate from the latest independent sample at this structure, or at a structure that
+        differs by at most `SAME_STRUCTURE`; None without such a sample."""
         parameters = _parameters(podium)
         nearby = [s for s in self.samples if _largest_difference(s.parameters, parameters) <= SAME_STRUCTURE]
         return nearby[-1].estimate if nearby else None

@@ -1,4 +1,7 @@
-"""`fit`: identify parameters of a podium from a measured rotation by least squares."""
+"""`fit`: identify parameters of a podium from a measured rotation by least squares.
+
+The search has one or more starting points (starts). Scaled variables x are 0 and 1 at their bounds.
+"""
 
 from __future__ import annotations
 
@@ -27,11 +30,13 @@ from rockjax.internal import (
 from ._suite import has_answer
 from ._variables import Structure, Variables, as_podium, make_variables
 
-# Lengths of successive windows, as fractions of the duration of strong rotation; the last covers all times.
+# Lengths of successive time windows, as fractions of the duration of strong rotation; the last window covers
+# all times.
 WINDOWS = (0.15, 0.25, 0.4, 0.6, 1.0)
-STRONG_RATIO = 0.1  # the measured rotation is strong above this fraction of its peak
-# Smallest distance of starting points from the bounds, in scaled variables: at a bound the slope of
-# `_to_unit_interval` is zero, so that a start could not leave the bound.
+# Strong rotation lasts from the first to the last time at which |θ| is at least this fraction of its peak.
+STRONG_RATIO = 0.1
+# Smallest distance of starting points from the bounds, in scaled variables. At a bound the slope of
+# `_to_unit_interval` is zero, so a search that started there would stay there.
 MIN_BOUND_DISTANCE = 1e-3
 MAX_STEPS = 40  # largest number of steps of the solver in each window
 DRAWS_PER_START = 16  # random points for each start after the first; the best in the first window is used
@@ -49,7 +54,7 @@ class Fit(Module):
     - `residuals`: measured minus fitted θ at each time, shape (n,) [rad]; `rms`: their root mean square
       [rad]. Both are inf if no start led to a podium whose simulation finishes
     - `starts`: `rms` of the fit from every start [rad]; `best`: index of the start with the returned fit;
-      `converged`: whether the solver converged in the last window of this start
+      `converged`: whether the solver converged for this start in the last time window
     - `units`: name → unit
     - `seconds`: wall time, including compilation [s]
     """
@@ -134,14 +139,14 @@ def fit(
     - `initial`: the state at the start of the excitation
     - `starts`: number of starting points, ≥ 1; every start after the first is the best of 16 random points
     - `seed`: seed of the random numbers, ≥ 0
-    - `options`: options of the simulations; their `history` is the number of steps that a simulation can
-      have, and their `throw` is ignored
+    - `options`: options of the simulations. A simulation with more than `options.history` steps does not
+      finish; `options.throw` is ignored
     - `tolerance`: relative and absolute tolerance of the least-squares solver, > 0 [–]
 
     If the simulated rotation is out of phase with the measured one, the search direction is poor. The fit
-    therefore starts with a short window of times, which covers the first impacts, and continues with longer
-    windows. The method is Levenberg–Marquardt in transformed variables that stay within the bounds. Raises
-    `ValueError` for invalid inputs.
+    therefore starts with the measurements in a short time window, which covers the first impacts, and
+    continues with longer windows. The method is Levenberg–Marquardt in transformed variables that stay within
+    the bounds. Raises `ValueError` for invalid inputs.
     """
     start_time = time.perf_counter()
     variables = make_variables(podium, vary, "fit")
@@ -155,7 +160,7 @@ def fit(
     scene = _Scene(
         variables, excitation, jnp.asarray(times), jnp.asarray(theta), initial, options.replace(throw=False)
     )
-    # Residuals are divided by the peak of the signal, so that tolerances are relative.
+    # Residuals are divided by the peak of the measured rotation, so that tolerances are relative.
     peak = jnp.asarray(float(np.max(np.abs(theta))) or 1.0)
     rng = np.random.default_rng(seed)
     n = len(variables.names)
@@ -219,8 +224,8 @@ class _Scene(Module):
     def residuals(self, x: Float[Array, " k"]) -> Float[Array, " n"]:
         """Return measured minus simulated rotation (n,) [rad] for scaled variables x.
 
-        The residuals are inf if the scene did not finish. The simulated rotation is ±α after overturning, and
-        0 after the columns have come to rest for good.
+        The residuals are inf if the simulation did not finish. After overturning, the simulated rotation is
+        α with the sign of the rotation at overturning. After the columns have come to rest for good, it is 0.
         """
         podium = self.variables.podium(x)
         response = rj.simulate(
@@ -238,8 +243,8 @@ def _window_weights(times: np.ndarray, theta: np.ndarray, fraction: float) -> np
     """Return the weights (n,) of the times in a window: 1 in the window, 0 after it.
 
     - `times`, `theta`: as for `fit`
-    - `fraction`: length of the window divided by the duration of strong rotation. The window also covers all
-      times before strong rotation; all weights are 1 for fraction = 1
+    - `fraction`: length of the window divided by the duration of strong rotation (see `STRONG_RATIO`). The
+      window also covers all times before strong rotation. With a fraction of 1, it covers all times
     """
     strong_times = times[np.abs(theta) >= STRONG_RATIO * np.max(np.abs(theta))]
     window_end = strong_times[0] + fraction * (strong_times[-1] - strong_times[0])
@@ -258,10 +263,10 @@ def _from_unit_interval(x):
 
 @eqx.filter_jit
 def _costs(scene: _Scene, points, weights, peak):
-    """Return the mean square of the weighted residuals of each point [–], shape (k,); inf where the scene did
-    not finish.
+    """Return the mean square of the weighted residuals of each point [–], shape (k,); inf where the
+    simulation did not finish.
 
-    - `scene`: the scene; `points`: scaled variables (k, n)
+    - `scene`: the structure, its motion and the measurement; `points`: scaled variables (k, n)
     - `weights`: weights of the times, (times,); `peak`: largest absolute measured rotation [rad], by which
       residuals are divided
     """
@@ -299,7 +304,10 @@ def _solve_window(scene: _Scene, z, weights, peak, tolerance):
 
 @eqx.filter_jit
 def _evaluate_residuals(scene: _Scene, points):
-    """Return the residuals (starts, times) and their Jacobians at points (starts, n), in scaled variables."""
+    """Return the residuals (starts, times) [rad] and their Jacobians (starts, times, n) at `points`.
+
+    `points` (starts, n) and Jacobians are in scaled variables.
+    """
 
     def at_point(x):
         def with_value(x):
@@ -313,9 +321,11 @@ def _evaluate_residuals(scene: _Scene, points):
 
 
 def _covariance(residuals: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Return the covariance s²(JᵀJ)⁻¹ of the variables; all entries are inf if J is rank-deficient.
+    """Return the covariance matrix s²(JᵀJ)⁻¹ of the variables (n, n); all entries are inf if J is
+    rank-deficient.
 
-    `slope` is the Jacobian J of the residuals (times, n), and s² their variance.
+    - `residuals`: residuals (times,) [rad], with the variance s²
+    - `slope`: Jacobian J (times, n) of the residuals with respect to the unscaled variables
     """
     count, n = slope.shape
     variance = float(residuals @ residuals) / max(count - n, 1)

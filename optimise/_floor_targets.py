@@ -37,7 +37,7 @@ class AbstractFloorTarget(AbstractTarget):
         return limited_by_overturning((self.limit - values) / self.limit, peaks)
 
     def limited_value(self, answer: Any) -> Values:
-        """Return the responses (k,) that `limit` bounds, of one system to k motions."""
+        """Return the responses (k,) of one system to k motions; `limit` bounds these responses."""
         raise NotImplementedError
 
     @property
@@ -46,15 +46,15 @@ class AbstractFloorTarget(AbstractTarget):
 
     @property
     def things(self) -> tuple[Any, ...]:
-        """Former name of `systems`."""
+        """Deprecated name of `systems`."""
         name = type(self).__name__
         warnings.warn(f"{name}.things is called systems now", DeprecationWarning, stacklevel=2)
         return self.systems
 
 
 def _as_tuple(owner: str, name: str, required: type, value: Any) -> tuple[Any, ...]:
-    """Return `value`, one instance of `required` or a sequence of them, as a tuple; raise `ValueError` for
-    anything else."""
+    """Return one instance of `required`, or a sequence of instances, as a tuple. Raises `ValueError` for any
+    other value."""
     members = (value,) if isinstance(value, required) else value
     if not isinstance(members, Sequence) or not members or not all(isinstance(y, required) for y in members):
         raise ValueError(

@@ -13,18 +13,19 @@ import rockjax as rj
 from rockjax._risk.structure import records_from_samples
 from rockjax.internal import AnyMotions, format_value, require_whole, single_motions
 
-# Second entry of the seed [seed, stream, …] of a batch, so that the steps of a search and the independent
-# samples use different random numbers.
+# The seed of a batch is [seed, stream, …]. The entry `stream` differs between the steps of a search and the
+# independent samples, so that both use different random numbers.
 STEP_STREAM, SAMPLE_STREAM = 1, 2
 
 
 class FreshSamples:
     """Ground motions that are drawn anew in every step of a search with an Optax gradient transformation.
 
-    An instance can be the argument `suite` of `optimise.MedianCapacity` and, if it consists of records, of
-    `optimise.AnnualFrequency`.
+    `optimise.MedianCapacity` accepts an instance as its argument `suite`. `optimise.AnnualFrequency` accepts
+    an instance that draws from records.
 
-    - `motions`: a [`rockjax.GaussianMotion`][], or two or more records, which are drawn with replacement
+    - `motions`: a [`rockjax.GaussianMotion`][], or two or more records, from which motions are drawn with
+      replacement
     - `batch`: number of motions that are drawn in every step, ≥ 2
     - `verify`: number of motions of the independent sample that verifies a design, a multiple of `batch`
     - `seed`: seed of the random numbers, ≥ 0
@@ -80,7 +81,7 @@ class FreshSamples:
         return [self._draw(SAMPLE_STREAM, k, index) for index in range(self.verify // self.batch)]
 
     def _draw(self, *stream: int) -> rj.Records:
-        """Return the batch drawn with the random seed (`self.seed`, *`stream`)."""
+        """Return the batch that is drawn with the random seed [`self.seed`, *`stream`]."""
         rng = np.random.default_rng([self.seed, *stream])
         if isinstance(self.motions, rj.GaussianMotion):
             u = rng.standard_normal((self.batch, self.motions.dimension))

@@ -4,12 +4,13 @@ The transformation follows the gradient of
 
     f + Σ_j (max(0, μ_j − ρ_j c_j)² − μ_j²)/(2ρ_j),
 
-where f is the largest objective value divided by a typical change, c_j is a margin minus the least margin
-that the search aims at, and μ_j is the multiplier of this margin. ρ_j is ρ divided by a running mean of
-|∇c_j|², so that steep and flat margins have equal weight. In each step μ_j moves a tenth of the way to
-max(0, μ_j − ρ_j c_j). After the first eighth of a search, step t of the transformation is multiplied by a
-factor that decreases as 1/√t. Points are projected onto the bounds. Values of different steps are never
-compared here, because the motions may differ from step to step.
+where f is the largest objective value divided by a typical change of the objective, c_j is a margin minus the
+least margin that the search aims at, and μ_j is the multiplier of this margin. The sum contains all margins
+of all targets. ρ_j is ρ divided by a running mean of |∇c_j|², so that steep and flat margins have equal
+weight. In each step, μ_j moves a tenth of the way to max(0, μ_j − ρ_j c_j). After the first eighth of the
+steps, step t of the transformation is multiplied by a factor that decreases as 1/√t. Points are projected
+onto the bounds. This module never compares values of different steps, because the motions may differ from
+step to step.
 """
 
 from __future__ import annotations
@@ -68,9 +69,10 @@ def transformation_of(method: str | optax.GradientTransformation) -> optax.Gradi
 
 
 class GradientSteps:
-    """Gradient steps from all starts (starting points) in one batch, under the same motions.
+    """Gradient steps from all starts (starting points) in one batch. In a step, all starts have the same
+    motions.
 
-    The first axis of arrays runs over the s starts: margins have shape (s, m), scaled variables (s, n).
+    The first axis of arrays is that of the s starts: margins have shape (s, m), scaled variables (s, n).
     Attributes: `target_margins` contains the least margins that the search aims at, and `squared_slopes` the
     running means of |∇c_j|². `last_steps` contains, for each start, the points and evaluations of the second
     half of its latest series of steps. `is_excluded` is True for starts whose first evaluation is not finite.

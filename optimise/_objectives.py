@@ -68,7 +68,7 @@ class WorstRotation(AbstractWorst):
     """The largest peak rotation max|θ|/α under a motion or a list of motions [–].
 
     Where the columns overturn, the value is `Options.overturn_ratio` − M, where M < 0 is the overturning
-    margin, so it increases with the speed of the fall.
+    margin. This value increases with the speed of the fall.
     """
 
     outputs: ClassVar[tuple[str, ...]] = ("peak_rotation", "margin")
@@ -86,13 +86,16 @@ class WorstRotation(AbstractWorst):
 class WorstPeak(AbstractWorst):
     """The largest value of an output, over all motions and all modes, stories, floors or joints.
 
-    - `output`: name of an output of `rockjax.Options.outputs` that is a peak, such as `"peak_shear"`, or an
-      instance of [`rockjax.AbstractOutput`][] that is a peak; `excitations`: a motion or a list of motions
+    - `output`: an output that is a peak: a name in `rockjax.Options.outputs`, such as `"peak_shear"`, or an
+      instance of [`rockjax.AbstractOutput`][]
+    - `excitations`: a motion or a list of motions
 
     Where the columns overturn, the peak until overturning underestimates the response. This peak is therefore
     multiplied by (1 − M), where M < 0 is the overturning margin. To exclude such designs, add a target such
-    as [`optimise.NoOverturning`][]. Raises `ValueError` for an output that is not a peak, for a peak that can
-    be infinite, such as `"peak_friction"`, and, when evaluated, for a podium that does not have the output.
+    as [`optimise.NoOverturning`][].
+
+    Raises `ValueError` for an output that is not a peak, and for a peak that can be infinite, such as
+    `"peak_friction"`. The evaluation raises `ValueError` for a podium that does not have the output.
     """
 
     output: AbstractOutput = eqx.field(static=True)
@@ -101,7 +104,7 @@ class WorstPeak(AbstractWorst):
     def __init__(self, output: str | AbstractOutput, excitations):
         super().__init__(excitations)
         self.output = limited_output(type(self).__name__, output)
-        # If an output can be infinite, `for_limit` returns another output, for use in targets.
+        # If an output can be infinite, `for_limit` returns another output, which only targets can use.
         if self.output.for_limit(1.0)[0] != self.output:
             raise ValueError(
                 f"{type(self).__name__}: {self.output.name} can be infinite, so it cannot be minimised; "
@@ -134,8 +137,8 @@ class WorstShear(WorstPeak):
 
 
 class WorstDeformation(WorstPeak):
-    """The largest deformation of the superstructure, or of one of its modes, under a motion or a list of
-    motions [m]."""
+    """The largest deformation of the superstructure under a motion or a list of motions [m]; with several
+    modes, the largest deformation of any mode."""
 
     def __init__(self, excitations):
         super().__init__("peak_deformation", excitations)
@@ -144,7 +147,7 @@ class WorstDeformation(WorstPeak):
 class WorstDrift(WorstPeak):
     """The largest drift of any story of a building under a motion or a list of motions [m].
 
-    When evaluated, it raises `ValueError` for a podium without stories.
+    The evaluation raises `ValueError` for a podium without stories.
     """
 
     def __init__(self, excitations):
@@ -154,7 +157,7 @@ class WorstDrift(WorstPeak):
 class WorstFloorAcceleration(WorstPeak):
     """The largest absolute horizontal acceleration of any floor under a motion or a list of motions [m/s²].
 
-    When evaluated, it raises `ValueError` for a podium without stories.
+    The evaluation raises `ValueError` for a podium without stories.
     """
 
     def __init__(self, excitations):

@@ -1,6 +1,7 @@
 """Optimality conditions of the merit at a point: residual and multipliers.
 
 The merit (`Evaluation.merit`) is the weighted objective plus a penalty on the largest violation of a margin.
+Points are in scaled variables, which are 0 and 1 at their bounds.
 """
 
 from __future__ import annotations
@@ -12,19 +13,20 @@ import numpy as np
 from ._descent import Evaluation
 from ._quadratic import Model, Vector, solve
 
-NEAR_DISTANCE = 1e-3  # points within this distance of x, in scaled variables, describe kinks at x
+# Linear models at points within this distance of x, in scaled variables, describe kinks at x.
+NEAR_DISTANCE = 1e-3
 EvaluatedPoints = list[tuple[Vector, Evaluation]]
 
 
 class Optimality(NamedTuple):
     """Multipliers of the margins and residual of the optimality conditions.
 
-    Both come from a test step, which minimises the merit of linear models plus half the squared step length.
-    If the solver finds no test step, the multipliers are 0 and the residual is inf.
+    Both come from a test step, which minimises the merit that linear models predict plus half the squared
+    length of the step. If the solver finds no test step, the multipliers are 0 and the residual is inf.
 
     - `multipliers`: multipliers (m,) of the margins
-    - `residual`: largest absolute entry of the test step, comparable to the norm of a projected gradient; 0
-      if and only if the merit of the models is stationary within the bounds
+    - `residual`: largest absolute entry of the test step, comparable to the norm of a projected gradient. The
+      residual is 0 if and only if no step within the bounds decreases the merit of the models
     - `violation`: violation after the test step according to the linear models [–]; without a test step, the
       present violation
     """
@@ -37,9 +39,9 @@ class Optimality(NamedTuple):
 def linear_models(x: Vector, current: Evaluation, points: EvaluatedPoints) -> Model:
     """Return the linear models for steps from x: one built at x, and one built at each of `points`.
 
-    The models built at `points` are cuts. A cut that predicts a larger objective value at x than `current`
-    has is lowered to the value of `current`. A cut that predicts a smaller margin is raised to that of
-    `current`.
+    The models built at `points` are cuts. If a cut predicts a larger objective value at x than that of
+    `current`, the cut is lowered to that value. If a cut predicts a smaller margin at x than that of
+    `current`, the cut is raised to that margin.
 
     - `x`: scaled variables (n,); `current`: evaluation at x; `points`: other evaluated points
     """
@@ -80,7 +82,7 @@ def optimality(
     stationary, x may be at a kink, and the models of near points are added.
 
     - `x`: scaled variables (n,); `current`: evaluation at x; `near_points`: evaluated points near x
-    - `weight`: weight of the largest value in the merit; `penalty`: penalty ν of the largest violation
+    - `weight`: weight of the objective in the merit; `penalty`: penalty ν of the largest violation
     - `tolerance`: residual above which the near points are used
     """
     result = _solve_optimality(x, current, [], weight, penalty)

@@ -25,7 +25,7 @@ class PeakRotation(AbstractResponseTarget):
     - `limit`: 0 < limit < 1 [–]; `excitations`: a motion or a list of motions; `name`: name in reports, None
       for a description
 
-    The margin is (limit − s)/limit with s = max|θ|/α. If the columns overturn, s is
+    The margin for each motion is (limit − s)/limit with s = max|θ|/α. If the columns overturn, s is
     `Options.overturn_ratio` − M, where M < 0 is the overturning margin. Raises `ValueError` for other limits;
     for a limit of 1 use [`optimise.NoOverturning`][].
     """
@@ -50,15 +50,17 @@ class PeakRotation(AbstractResponseTarget):
 class PeakLimit(AbstractResponseTarget):
     """A peak is at most `limit` under every motion.
 
-    - `output`: name of an output of `rockjax.Options.outputs` that is a peak, such as `"peak_shear"`, or an
-      instance of [`rockjax.AbstractOutput`][] that is a peak
+    - `output`: an output that is a peak: a name in `rockjax.Options.outputs`, such as `"peak_shear"`, or an
+      instance of [`rockjax.AbstractOutput`][]
     - `limit`: > 0, in the unit of the output; `excitations`: a motion or a list of motions; `name`: name in
       reports, None for a description
 
-    Every mode, story, floor or joint has its own margin, (limit − peak)/limit. If the columns overturn, the
-    peak covers only the time until overturning, and the margin is at most the overturning margin, which is
-    negative. Raises `ValueError` for other limits and outputs and, when evaluated, for a podium that does not
-    have the output.
+    The margin is (limit − peak)/limit. Every mode, story, floor or joint has its own margin for each motion.
+    If the columns overturn, the peak covers only the time until overturning, and the margin is at most the
+    overturning margin, which is negative.
+
+    Raises `ValueError` for other limits and outputs. The evaluation raises `ValueError` for a podium that
+    does not have the output.
     """
 
     output: AbstractOutput = eqx.field(static=True)
@@ -87,7 +89,10 @@ class PeakLimit(AbstractResponseTarget):
 
 
 def limited_output(owner: str, output: str | AbstractOutput) -> AbstractOutput:
-    """Return an output that is given by name or as an instance. Raises `ValueError` if it is not a peak."""
+    """Return the instance of an output that is given by name or as an instance.
+
+    `owner` is the class that the error message names. Raises `ValueError` if the output is not a peak.
+    """
     instance = output if isinstance(output, AbstractOutput) else REGISTRY.get(str(output))
     if instance is None or not _is_peak(instance):
         peaks = [name for name, registered in REGISTRY.items() if _is_peak(registered)]
@@ -99,8 +104,11 @@ def limited_output(owner: str, output: str | AbstractOutput) -> AbstractOutput:
 
 
 def _is_peak(output: AbstractOutput) -> bool:
-    """Return whether an output is a peak: its variable of the same name covers, if the columns overturn, only
-    the time until overturning."""
+    """Return whether an output is a peak.
+
+    A peak has a variable with the name of the output. If the columns overturn, this variable covers only the
+    time until overturning.
+    """
     return any(y.name == output.name and y.until_overturning for y in output.variables)
 
 
@@ -115,7 +123,8 @@ def output_title(output: AbstractOutput) -> str:
 
 
 def output_values(reader: AbstractResponses, output: AbstractOutput, peaks: rj.Peak) -> Float[Array, " k"]:
-    """Return the values (k,) of an output for all motions and all modes, stories, floors or joints.
+    """Return the values (k,) of an output for all motions and all modes, stories, floors or joints; values of
+    the same motion are adjacent.
 
     - `reader`: target or objective, which error messages name; `output`: the output
     - `peaks`: responses to all motions
@@ -140,10 +149,12 @@ def limited_by_overturning(margins: Values, peaks: rj.Peak) -> Values:
 def overturning_depths(peaks: rj.Peak, count: int) -> tuple[Array, Float[Array, " k"]]:
     """Return two vectors (count,): whether the scene overturned, and the depth −M of overturning [–].
 
-    M < 0 is the overturning margin. The depth of scenes that did not overturn is set to 1 and has no effect.
+    A scene is the response to one motion, with the overturning margin M. In a scene that did not overturn,
+    the depth is set to 1; callers ignore it.
 
     - `peaks`: responses to all motions
-    - `count`: number of values, which have the same order as the scenes; each scene has equally many values
+    - `count`: number of values. Each scene has the same number of values, and they are in the order of the
+      scenes
     """
     depth = jnp.where(peaks.margin < 0, -peaks.margin, 1.0)
     repeat = lambda y: jnp.repeat(jnp.ravel(y), count // jnp.size(y))
@@ -151,7 +162,7 @@ def overturning_depths(peaks: rj.Peak, count: int) -> tuple[Array, Float[Array, 
 
 
 class PeakShear(PeakLimit):
-    """The shear V_s of the superstructure is at most `limit` times its weight: max|V_s| ≤ limit·m_t g.
+    """The shear V_s of the superstructure is at most `limit` times its weight m_t g: max|V_s| ≤ limit·m_t g.
 
     - `limit`: > 0 [–]; `excitations`: a motion or a list of motions; `name`: name in reports, None for a
       description
@@ -184,7 +195,7 @@ class PeakDrift(PeakLimit):
     - `limit`: > 0 [m]; `excitations`: a motion or a list of motions; `name`: name in reports, None for a
       description
 
-    When evaluated, it raises `ValueError` for a podium without stories.
+    The evaluation raises `ValueError` for a podium without stories.
     """
 
     def __init__(self, limit, excitations, name: Name = None):
@@ -197,7 +208,7 @@ class PeakFloorAcceleration(PeakLimit):
     - `limit`: > 0 [m/s²]; `excitations`: a motion or a list of motions; `name`: name in reports, None for a
       description
 
-    When evaluated, it raises `ValueError` for a podium without stories.
+    The evaluation raises `ValueError` for a podium without stories.
     """
 
     def __init__(self, limit, excitations, name: Name = None):
@@ -210,11 +221,11 @@ class PeakFriction(PeakLimit):
     - `limit`: > 0 [–], such as the friction coefficient of the joints divided by a safety factor
     - `excitations`: a motion or a list of motions; `name`: name in reports, None for a description
 
-    T and N are the shear and axial force in a joint, and N_0 is the dead load, averaged over the columns. The
-    bottom and the top joint have one margin each, the minimum of (limit·N − |T|)/(limit·N_0) over time and
-    columns. It is smooth also for N < 0 (the joint would open), so that a search can start from such a
-    structure. If the podium has no elevation (positions of columns and heights of masses), the target applies
-    to the mean column.
+    T is the shear force and N the axial force in a joint; compression is positive. N_0 is the axial force
+    under dead load, averaged over the columns. The bottom and the top joint have one margin each: the minimum
+    of (limit·N − |T|)/(limit·N_0) over time and columns. The margin is also defined if N < 0, where the joint
+    would open, so that a search can start from such a structure. If the podium has no elevation (positions of
+    columns and heights of masses), T and N are averaged over the columns.
     """
 
     friction: float = eqx.field(static=True)
@@ -247,10 +258,10 @@ class LeastAxialForce(AbstractResponseTarget):
     - `at_least`: the fraction, 0 ≤ at_least < 1 [–]; 0 keeps the joints closed
     - `excitations`: a motion or a list of motions; `name`: name in reports, None for a description
 
-    N_0 is averaged over the columns. The bottom and the top joint have one margin each, min(N)/N_0 −
-    at_least, with the minimum over time and columns. If the columns overturn, margins are at most the
-    overturning margin, which is negative. If the podium has no elevation (positions of columns and heights of
-    masses), the target applies to the mean column. Raises `ValueError` for other fractions.
+    Compression is positive. N_0 is averaged over the columns. The bottom and the top joint have one margin
+    each, min(N)/N_0 − at_least, with the minimum over time and columns. If the columns overturn, margins are
+    at most the overturning margin, which is negative. If the podium has no elevation (positions of columns
+    and heights of masses), N is averaged over the columns. Raises `ValueError` for other fractions.
     """
 
     at_least: Any

@@ -1,4 +1,4 @@
-"""Pictures of a design. The functions return axes or a figure; they neither show nor save it."""
+"""Pictures of a design. The functions return axes or a figure, which they neither show nor save."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def before_after(before: rj.Podium, design: Design, excitation: AnyMotion) -> Fi
     - `before`: the podium before the design; `design`: a result of [`optimise.design`][]
     - `excitation`: the ground motion
 
-    The picture ends when the motion and rocking have ended, at most 60 s after the start of the motion.
+    The picture ends when both the motion and rocking have ended, at most 60 s after the start of the motion.
     Returns the figure.
     """
     check_design("before_after", design)

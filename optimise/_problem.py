@@ -67,7 +67,7 @@ PEAKS = {
     for name, output in REGISTRY.items()
     if any(y.name == name and y.until_overturning for y in output.variables)
 }
-# Objectives on the worst response: name in problem files → class.
+# Objectives on the largest peak of all motions: name in problem files → class, or function that makes one.
 WORST: dict[str, Any] = {
     kind: functools.partial(WorstPeak, name)
     for kind, name in PEAKS.items()
@@ -91,8 +91,8 @@ _MAX_INTENSITY_TEXT = (
 )
 
 
-# Kind of an entry of `[[targets]]` → class of the target. The keys of each kind are in
-# `rockjax/_report/kinds`.
+# Kind of an entry of `[[targets]]` → class of the target, or function that makes one. The keys of each kind
+# are in `rockjax/_report/kinds`.
 TARGETS: dict[str, Callable[..., AbstractTarget]] = {
     **{kind: functools.partial(PeakLimit, output) for kind, output in PEAKS.items()},
     "peak-rotation": PeakRotation,
@@ -113,7 +113,7 @@ TARGETS: dict[str, Callable[..., AbstractTarget]] = {
     "overturning-probability": OverturningProbability,
     "failure-probability": FailureProbability,
 }
-# Keys whose values are passed to the class of a target by position, after the limit.
+# Keys whose values are passed to the class of a target by position: after the limit, before the motions.
 POSITIONAL = ("hazard", "pulse", "motion")
 
 
@@ -207,8 +207,8 @@ class Problem(NamedTuple):
 
 
 def _format_problem(problem: Problem) -> str:
-    """Return a problem as text: objective, variables of the given structure, targets with their numbers of
-    scenes, and sets of motions."""
+    """Return a problem as text: objective, structure, variables, targets with their numbers of scenes, and
+    sets of motions."""
     objective = problem.minimise
     if objective is None:
         aim = "the nearest design"
@@ -246,13 +246,15 @@ def problem_of(
     """Return the design problem that a file contains.
 
     - `table`: contents of the file; `path`: path of the file
-    - `options`: as for `rockjax._problem.reading.Reader`
+    - `options`: key → (flag, value) for the keys that the command line has set
+
+    Raises `ValueError` for an invalid file; the message names the file, the key and the cause.
     """
     return _Reader(path, options).problem(table)
 
 
 class _ParameterOf:
-    """Function that returns one parameter of a podium; its `__name__` is the name of the parameter."""
+    """A function that returns one parameter of a podium. Its `__name__` is the name of the parameter."""
 
     def __init__(self, name: str):
         self.__name__ = name
@@ -342,7 +344,8 @@ class _Reader(Reader):
 
         - `entry`: the entry; `where`: key of the entry, for errors; `motions`: sets of motions by name
 
-        Raises `ValueError` for kinds, and for values of keys, that are allowed only in checks of a report.
+        Raises `ValueError` for invalid entries, and for kinds and values that are allowed only in checks of a
+        report.
         """
         kind, arguments = KINDS[entry.kind], dict(entry.arguments)
         if entry.kind not in TARGETS:
@@ -358,7 +361,7 @@ class _Reader(Reader):
                 self.fail(
                     f"{where}.vertical", f"the motions of {entry.keys.motions} have no vertical component"
                 )
-        arguments.pop("curve", None)  # a stored fragility curve belongs to one structure only
+        arguments.pop("curve", None)  # a stored fragility curve is valid only for the structure in the file
         with self.errors_at(where):
             measure, period = arguments.pop("measure", ("scale", None))
             if entry.kind == "median-capacity" and measure != "scale":

@@ -1,12 +1,14 @@
-"""Quadratic program for a step d of a design, from linear models of values and margins and a curvature B.
+"""Quadratic program for a step d from a design point.
+
+The program has linear models of objective values and margins, and a matrix B of the curvature:
 
     minimise    w·max_i(f_i + ∇f_i·d) + ν v + ½ dᵀB d        over d, v
     subject to  c_j + ∇c_j·d ≥ −v,   v ≥ 0,   lower ≤ d ≤ upper
 
-f_i are the values, the largest of which is minimised, and c_j the margins, which shall be ≥ 0. The weight w
-and the penalty ν are given. In the solver, the maximum is a further variable with the lower bounds
-f_i + ∇f_i·d (epigraph form). Because violations up to v are allowed at the price ν v, a solution always
-exists.
+f_i are the objective values; the largest is minimised. c_j are the margins, which should be ≥ 0. v is the
+largest violation of a margin, and ν is the penalty per unit of v. Because any violation is allowed at this
+penalty, a solution always exists. w is the weight of the objective. In the solver, the maximum is a further
+variable with the lower bounds f_i + ∇f_i·d (epigraph form).
 """
 
 from __future__ import annotations
@@ -22,12 +24,12 @@ _clarabel: Any = clarabel  # a compiled module without stubs
 
 
 class Model(NamedTuple):
-    """Linear models of values and margins. Several models may belong to the same value or margin.
+    """Linear models of objective values and margins. Several models may belong to the same value or margin.
 
     - `f`: modelled values (k,) at d = 0; `f_slope`: their Jacobian (k, n)
     - `c`: modelled margins (m,) at d = 0; `c_slope`: their Jacobian (m, n)
-    - `value_index` (k,): for each entry of `f`, the index of the value that it models
-    - `margin_index` (m,): for each entry of `c`, the index of the margin that it models
+    - `value_index` (k,): index of the objective value that each entry of `f` models
+    - `margin_index` (m,): index of the margin that each entry of `c` models
     """
 
     f: Vector
@@ -49,7 +51,7 @@ class Model(NamedTuple):
 class Step(NamedTuple):
     """Solution of the quadratic program.
 
-    - `d`: the step (n,); `violation`: largest violation of the modelled margins after the step [–]
+    - `d`: the step (n,); `violation`: largest violation v of a modelled margin after the step [–]
     - `value_multipliers` (k,): multipliers of the modelled values, which sum to the weight w
     - `margin_multipliers` (m,): multipliers of the modelled margins
     """
@@ -70,10 +72,10 @@ def solve(
     """Solve the quadratic program; return None if the solver fails.
 
     - `model`: linear models of values and margins; `curvature`: B (n, n)
-    - `weight`: weight w of the largest value; `penalty`: penalty ν of the largest violation
+    - `weight`: weight w of the objective; `penalty`: penalty ν of the largest violation
     - `lower`, `upper`: bounds of the step d (n,)
     """
-    # The unknowns of the solver are d, the maximum after the step minus `largest_value`, and v.
+    # The unknowns of the solver are d, the largest value after the step minus `largest_value`, and v.
     n, k, m = len(lower), len(model.f), len(model.c)
     largest_value = np.max(model.f)
     quadratic = sparse.block_diag([np.triu(curvature), sparse.csc_matrix((2, 2))], format="csc")
@@ -102,13 +104,13 @@ def solve(
         settings,
     )
     solution = solver.solve()
-    # A point that satisfies the constraints is used even if the solver could not prove that it is optimal.
+    # A solution that satisfies the constraints is used even if the solver could not prove its optimality.
     if str(solution.status) not in _SUCCESSES and not (
         str(solution.status) == "InsufficientProgress" and solution.r_prim < 1e-7
     ):
         return None
     d = np.asarray(solution.x[:n])
-    # An interior-point solution stays slightly inside its bounds.
+    # The solver's interior-point method stays slightly inside the bounds.
     d = np.where(d - lower < BOUND_DISTANCE, lower, np.where(upper - d < BOUND_DISTANCE, upper, d))
     multipliers = np.maximum(np.asarray(solution.z), 0.0)
     return Step(d, model.violation(d), multipliers[:k], multipliers[k : k + m])

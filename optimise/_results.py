@@ -46,7 +46,7 @@ CONVERGED, STALLED, INFEASIBLE, OUT_OF_ITERATIONS, NOT_FINITE, INTERRUPTED, AVER
 
 
 def result_of_code(code: int) -> RESULTS:
-    """Return the result that a code denotes, an index of `NAMES`."""
+    """Return the result for a code, which is an index of `NAMES`."""
     return getattr(RESULTS, NAMES[code])
 
 

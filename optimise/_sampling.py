@@ -1,7 +1,7 @@
 """Margins of targets on probabilities of failure, which are estimated by sampling (sampled targets).
 
 A target holds where its margin is ≥ 0. Slopes are derivatives with respect to the scaled variables, which are
-0 and 1 at their bounds.
+0 and 1 at their bounds. A scene is one structure under one ground motion.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ class _StructureParameters:
         self._values_and_slopes = jax.jit(lambda x: (parameters(x), jax.jacfwd(parameters)(x)))
 
     def __call__(self, x: Vector) -> tuple[rj.Podium, dict[str, Vector]]:
-        """Return the podium at x (n,), and name of y → derivatives d ln y/dx (n,) for every parameter y that
-        depends on x."""
+        """Return the podium at x (n,), and name → derivatives d ln y/dx (n,) for every parameter y that
+        depends on x. In the podium, `ZERO_REPLACEMENT` replaces those of these parameters that are 0."""
         y, slope = (np.asarray(array) for array in self._values_and_slopes(jnp.asarray(x)))
         is_varied = slope.any(axis=1)
         podium = self.variables.podium(jnp.asarray(x))
@@ -122,10 +122,10 @@ class SampledTargets:
         return MarginSlope(at_podium.margin, sum(terms, np.zeros(n)))
 
     def check(self, x: Vector) -> tuple[bool, bool]:
-        """Take an independent sample at a point for each target that has none there.
+        """Take an independent sample at x (n,) for each target that has no sample there.
 
-        Returns whether a sample was taken, and whether a sample differs from the estimate of the search by
-        more than the scatter between two samples.
+        Returns whether a sample was taken, and whether a new sample differs from the estimate of the search
+        by more than the allowance for scatter between two samples (`RayTarget.spread`).
         """
         if self._parameters is None:
             return False, False
@@ -140,7 +140,7 @@ class SampledTargets:
         return is_new, differs
 
     def probabilities(self, x: Vector) -> SampleEstimates:
-        """Return the estimates from the independent samples that were taken at a point."""
+        """Return the estimates from the independent samples that were taken at x (n,)."""
         if self._parameters is None:
             return SampleEstimates({})
         podium, _ = self._parameters(x)

@@ -1,18 +1,20 @@
 """Sequential quadratic programming with an exact penalty, a trust region and cuts.
 
-The objective is the largest of several values f_i. Each c_j is a margin of a target minus the least margin
-that the descent aims at; the margin is violated by −c_j if c_j < 0. The merit is max_i f_i + ν·(largest
-violation). The penalty of the *largest* violation is exact for finite ν: if ν is large enough, a minimum of
-the merit satisfies the targets. If a violation remains although ν is large, the weight of the objective
-becomes 0, and the descent minimises only the violation.
+A descent is the search from one starting point. The objective is the largest of several values f_i. Each c_j
+is a margin of a target minus the least margin that the descent aims at. If c_j < 0, the margin is violated by
+−c_j. The merit is max_i f_i + ν·(largest violation), with the penalty ν. If ν is large enough, a minimum of
+the merit satisfies the targets (an exact penalty). If a violation remains although ν is large, the weight of
+the objective becomes 0, and the descent minimises only the violation.
 
-Responses have kinks (a later peak overtakes an earlier one) and jumps (one more impact before overturning).
-If a response is the maximum of several branches, a linear model describes only the branch that governs where
-the model was built. Models are therefore stored as cuts if they were built at a rejected trial point, or at
-the old point of a step that decreased the merit by much less than predicted. If a cut of f_i lies
-above f_i at the current point, it is lowered until it equals f_i there. If a cut of c_j lies below c_j, it is
-raised likewise. Cuts far from the current point are dropped. Every rejected step shrinks the trust region, so
-a descent that cannot pass a jump usually ends with the result `stalled`.
+In each iteration, a quadratic program (`_quadratic.py`) gives a step within the trust region, a box around
+the current point. Responses have kinks (a later peak overtakes an earlier one) and jumps (one more impact
+before overturning). If a response is the maximum of several branches, a linear model describes only the
+branch that governs where the model was built. Linear models are therefore stored as cuts if they were built
+at a rejected trial point, or at the old point of a step that decreased the merit by much less than predicted.
+If a cut of f_i lies above f_i at the current point, the cut is lowered until it equals f_i there. If a cut of
+c_j lies below c_j there, the cut is raised until it equals c_j. Cuts far from the current point are dropped.
+Every rejected step shrinks the trust region, so a descent that cannot pass a jump usually ends with the
+result `stalled`.
 """
 
 from __future__ import annotations
@@ -34,7 +36,8 @@ ACCEPT_RATIO, GOOD_RATIO = 1e-3, 0.75
 LARGEST_PENALTY = 1e6  # the penalty ν is raised only while it is below this value
 MAX_CUTS = 12  # largest number of cut points in the models
 MAX_AXIS_SEARCHES = 4  # largest number of searches along the axes, each from the end of a descent
-AXIS_DISTANCES = (0.02, 0.06, 0.2, 0.5)  # distances of the tried points from this end, in scaled variables
+# A search along the axes changes one variable at a time by these distances, in scaled variables.
+AXIS_DISTANCES = (0.02, 0.06, 0.2, 0.5)
 ROUNDING = 1e-11  # relative decreases of the merit below this are taken as rounding errors
 
 
@@ -46,8 +49,8 @@ def descend(x: Vector, settings: Settings, history: list[Iterate], start: int, f
     - `first`: index of the first iteration
 
     Returns the `End`. Responses have ripples, and the set of points that satisfy the targets may be
-    disconnected. A descent therefore searches for a better point by changing one variable at a time at its
-    end, and continues from this point if it finds one.
+    disconnected. At its end, a descent therefore changes one variable at a time. If it finds a better point,
+    it continues from there.
     """
     end = yield from _descend(x, settings, history, start, first)
     for _ in range(MAX_AXIS_SEARCHES):
@@ -192,27 +195,27 @@ class _DescentState:
 
     @property
     def is_stationary(self) -> bool:
-        """True if the residual is at most the tolerance and, if targets are violated, the test step of
-        `optimality` (the residual is its largest entry) would remove less than half of the violation."""
-        # A small residual is not enough if targets are violated: where margins are steep, even a step shorter
-        # than the tolerance may remove a violation.
+        """True if the residual is at most the tolerance, unless targets are violated and the test step of
+        `optimality` would remove at least half of the violation."""
+        # The residual is the largest entry of the test step. Where margins are steep, even a test step
+        # shorter than the tolerance may remove a violation, so a small residual is not enough.
         is_correctable = self.is_violated and self.modelled_violation <= 0.5 * self.current.violation
         return self.residual <= self.settings.tolerance and not is_correctable
 
     def end_or_reweight(self) -> int | None:
-        """Return the result of the descent at a stationary point; or change the weights of the merit, and
+        """At a stationary point, return the result of the descent, or change the weights of the merit and
         return None."""
         merit = self.merit
         if not self.is_violated:
             self.record(0.0, False)
-            if merit.weight == 0.0:  # feasible again: restore the weight of the objective
+            if merit.weight == 0.0:  # no target is violated: restore the weight of the objective
                 self.merit = merit._replace(weight=1.0)
                 return None
             return CONVERGED
         if merit.weight == 0.0:
             self.record(0.0, False)
             return INFEASIBLE
-        # The point is stationary, but violates a target: the penalty is too small, or no point nearby
+        # The point is stationary but violates a target. Either the penalty is too small, or no point nearby
         # satisfies the targets.
         if merit.penalty < LARGEST_PENALTY:
             self.merit = merit._replace(penalty=100 * merit.penalty)
@@ -266,8 +269,8 @@ class _DescentState:
         return final_result(self.current, self.residual, self.settings)
 
     def predict_decrease(self, step: Step) -> tuple[float, float]:
-        """Return the decrease of the merit that the models predict for a step, and a bound of its rounding
-        error."""
+        """Return the decrease of the merit that the models predict for a step, and a bound on the rounding
+        error of this decrease."""
         merit, d = self.merit, step.d
         current = self.current.merit(merit.weight, merit.penalty)
         quadratic_term = 0.5 * float(d @ merit.curvature @ d)
@@ -353,9 +356,10 @@ def _step_and_penalty(
 ) -> tuple[Step | None, float]:
     """Return a step and the penalty with which it was computed.
 
-    The penalty is multiplied by 10 until its step removes 30 % of the violation that any step within the
-    bounds can remove; if a step can remove the whole violation, until its step does so. A penalty of at least
-    `LARGEST_PENALTY` is not raised further. The step is None if the solver fails.
+    The penalty is multiplied by 10 until the step removes enough of the violation. If a step within the
+    bounds can remove the whole violation, this is the whole violation, otherwise 30 % of the part that a step
+    can remove. A penalty of at least `LARGEST_PENALTY` is not raised further. The step is None if the solver
+    fails.
 
     - `model`: linear models around the current point; `current`: evaluation at this point
     - `merit`: merit with its curvature, weight and present penalty
@@ -378,10 +382,10 @@ def _step_and_penalty(
 
 
 def _lagrangian_slope(trial: Evaluation, step: Step, current: Evaluation) -> Vector:
-    """Return the gradient of the Lagrangian at `trial`, with the multipliers of `step`.
+    """Return the gradient (n,) of the Lagrangian at the evaluation `trial`, with the multipliers of `step`.
 
-    `step` has the multipliers of the models built at the current point, followed by those of cuts. Only the
-    former are used: one for each value and each margin of `current`.
+    The multipliers of a step are those of the models built at the current point, followed by those of cuts.
+    Only the former are used: one for each value and each margin of the evaluation `current`.
     """
     k, m = len(current.f), len(current.c)
     return step.value_multipliers[:k] @ trial.f_slope - step.margin_multipliers[:m] @ trial.c_slope
@@ -392,8 +396,8 @@ def _update_bfgs(B: np.ndarray, s: Vector, y: Vector, is_initial: bool) -> tuple
 
     - `B`: curvature (n, n), positive definite; `s`: step (n,); `y`: change of the gradient of the Lagrangian
       (n,)
-    - `is_initial`: True in the first update, and in the first after this function has reset B. If the
-      curvature along `s` is positive, B is then replaced by a multiple of the identity before the update
+    - `is_initial`: True in the first update, and in the first after this function has reset B. Before such an
+      update, B is replaced by a multiple of the identity if the curvature along `s` is positive
 
     Eigenvalues are limited to [1e-4, 1e4], because the gradient jumps at kinks.
     """

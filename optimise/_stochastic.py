@@ -1,11 +1,11 @@
 """Searches for a design with motions that are drawn anew in every step (fresh samples).
 
 The search from a starting point (start) ends at the mean of the points of the second half of its gradient
-steps (Polyak–Ruppert averaging). Small batches bias this mean. An independent sample at the mean shows the
-bias. If the sample violates a target, the violation and an allowance for the scatter between two samples are
-added to the margin that the search aims at. If a margin after the first search is larger than needed, the
-margin that the search aims at is reduced. In both cases a shorter search continues from the mean, followed by
-a new independent sample.
+steps (Polyak–Ruppert averaging). Small batches of motions bias this mean. An independent sample of motions
+shows the bias. If a target is violated in this sample, the margin that the search aims at is increased by the
+violation and by an allowance for the scatter between two samples. If, after the first search, a margin that
+limits the design is larger than needed, the margin that the search aims at is reduced. In both cases a
+shorter search continues from the mean, and a new independent sample is taken.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 MAX_ITERATIONS = 300  # default number of steps of the first search
 MAX_CORRECTIONS = 3  # largest number of further searches after the first
 STEPS_DIVISOR = 4  # a further search has max_iterations/STEPS_DIVISOR steps
-# Allowance in standard errors: 95 % of further samples have a margin that is lower by less than this.
+# Allowance in standard errors: in 95 % of further samples, the margin is lower by less than this.
 SAFETY_FACTOR = 1.645 * np.sqrt(2)
 EXACT_PENALTY = 1e4  # penalty of violations when multipliers are computed
 
@@ -40,8 +40,8 @@ class FreshSearch:
 
     - `transformation`: an Optax gradient transformation; `evaluate`: evaluates one point of every start
     - `points`: starting points (starts, n), in scaled variables
-    - `tolerance`: margin that the first search aims at [–]; `max_iterations`: number of steps of the first
-      search
+    - `tolerance`: least margin that the first search aims at [–]; `max_iterations`: number of steps of the
+      first search
     """
 
     def __init__(
@@ -62,9 +62,9 @@ class FreshSearch:
     def run(self) -> bool:
         """Run the search and return whether it was interrupted.
 
-        If the search is interrupted, every start ends at the mean of the points in the second half of its
-        latest series of steps, as far as these steps were taken, or at its present point if none of them was.
-        Raises `rockjax.Interrupted` if the first evaluation is interrupted.
+        If the search is interrupted, every start ends at the mean of those points that it has reached in the
+        second half of its latest series of steps. If it has not reached this half, it ends at its present
+        point. Raises `rockjax.Interrupted` if the first evaluation is interrupted.
         """
         try:
             first = self.evaluate(self.x)
@@ -89,8 +89,8 @@ class FreshSearch:
         return self.is_interrupted
 
     def take_steps(self, steps: int, active: np.ndarray) -> None:
-        """Take gradient steps with the starts for which `active` (s,) is True, and move every start to its
-        mean."""
+        """Take `steps` gradient steps from the starts for which `active` (s,) is True; then move every start
+        to its mean."""
         self.gradient_steps.take_steps(steps, active)
         self.move_to_means()
 
@@ -103,8 +103,8 @@ class FreshSearch:
         self.gradient_steps.x = self.x
 
     def verify(self) -> None:
-        """Evaluate the means: targets on fixed motions with the tolerances of the verification, targets with
-        fresh samples in a new independent sample."""
+        """Evaluate all starts at their means. Targets on fixed motions use the tolerances of the
+        verification, targets with fresh samples a new independent sample."""
         self.evaluate.is_accurate = True
         exact = self.evaluate(self.x)
         self.evaluate.is_accurate = False
@@ -144,12 +144,13 @@ class FreshSearch:
         return np.where(standard_errors > 0, np.hypot(standard_errors, mean_error), 0.0)
 
     def shift_margins(self, is_first: bool) -> np.ndarray:
-        """Correct the margins that the search aims at, using the independent sample; return which starts
-        continue (s,).
+        """Correct the margins that the search aims at, using the independent sample. Return a mask (s,) of
+        the starts that continue.
 
-        The correction aims at a sampled margin equal to the allowance, which is `SAFETY_FACTOR` standard
-        errors and at least the tolerance. Violated margins are corrected and, after the first search, also
-        margins that exceed twice the allowance although they limit the design (they have multipliers).
+        After the correction, the margin in the independent sample should equal the allowance for scatter. The
+        allowance is `SAFETY_FACTOR` standard errors, but at least the tolerance. Violated margins are
+        corrected. After the first search (`is_first`), margins that limit the design (those with multipliers)
+        are also corrected if they exceed twice the allowance.
         """
         continuing, steps = np.zeros(len(self.x), bool), self.gradient_steps
         for k, evaluation in enumerate(self.evaluations):
@@ -167,7 +168,7 @@ class FreshSearch:
         return len(self.gradient_steps.history)
 
     def end(self, k: int) -> End:
-        """Return the end of start k, with multipliers from the mean slopes of its last steps."""
+        """Return the end of start k. Its multipliers come from the mean slopes in its last steps."""
         evaluation, steps = self.evaluations[k], self.gradient_steps
         last_steps = steps.last_steps[k]
         count = sum(row.start == k for row in steps.history)
@@ -194,6 +195,7 @@ class FreshSearch:
         )
 
     def estimate_samples(self, x: Vector) -> SampleEstimates:
-        """Return the standard errors of the last independent sample at x (n,), the end of a start."""
+        """Return the standard errors of the margins in the last independent sample at x (n,), the end of a
+        start."""
         k = int(np.argmin(np.abs(self.x - x).max(axis=1)))
         return SampleEstimates({}, {index: estimate.errors for index, estimate in self.estimates[k].items()})

@@ -1,4 +1,4 @@
-"""Sets of ground motions, and the responses of one podium to all of them."""
+"""Sets of ground motions (suites), and the responses of one podium to all motions of a suite."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ Values = Float[Array, " k"]
 class Suite(Module):
     """Ground motions of any types, in groups. One compiled loop simulates each group.
 
-    - `groups`: groups of motions of the same type and shape. All records are in one group; after
-      `merged_with`, the records of each suite are in a group of their own
+    - `groups`: groups of motions of the same type and shape. All records are in one group; `merged_with`
+      keeps the records of each suite in a group of their own
     - `order`: for each motion, its index in the concatenated groups
     - `fresh_samples`: source of the motions if they are drawn anew in every step of a search for a design,
       otherwise None
@@ -41,7 +41,8 @@ class Suite(Module):
     ) -> Suite:
         """Return a suite of motions.
 
-        - `excitations`: a motion, several motions, or fresh samples, of which the batch of step 0 is used
+        - `excitations`: a motion, several motions, or fresh samples. The suite of fresh samples contains the
+          batch of step 0
         - `owner`, `name`: class or function, and its argument, for error messages
 
         Raises `ValueError` for an empty set and for members that are not ground motions.
@@ -107,11 +108,11 @@ class Suite(Module):
         )
 
     def with_records(self, records: rj.Records) -> Suite:
-        """Return a suite whose fixed motions are `records`, a batch of the fresh samples of this suite."""
+        """Return a suite of fixed motions: `records`, a batch of the fresh samples of this suite."""
         return Suite((records,), self.order)
 
     def responses(self, podium: rj.Podium, options: rj.Options, outputs: tuple[Any, ...]) -> rj.Peak:
-        """Return the peak responses to all motions; NaN where a scene did not finish.
+        """Return the peak responses to all motions (k,); NaN where a simulation did not finish.
 
         - `podium`: the structure; `options`: options of the simulations
         - `outputs`: the requested outputs, as in `rockjax.Options`; they replace those of `options`
@@ -146,7 +147,7 @@ class Suite(Module):
 
 
 def has_answer(peaks: AbstractPeak) -> Bool[Array, "*batch"]:
-    """Return whether each scene finished: it settled, reached its end time or overturned."""
+    """Return whether each simulation finished: it settled, reached its end time or overturned."""
     has_ended = (peaks.result == rj.RESULTS.settled) | (peaks.result == rj.RESULTS.end_of_time)
     return has_ended | peaks.overturned
 
@@ -170,8 +171,10 @@ def _stack_motions(motions: list[Any]) -> rj.AbstractExcitation:
 
 
 def _vmap_axes(group: rj.AbstractExcitation) -> Any:
-    """Return the axes of a group for `jax.vmap`. Records share one table of samples, so only their fields
-    `which` and `scale` have an axis of motions."""
+    """Return the argument `in_axes` of `jax.vmap` for a group.
+
+    Records share one table of samples, so only the fields `which` and `scale` have an axis of motions.
+    """
     if not isinstance(group, rj.Records):
         return 0
     unmapped = jax.tree.map(lambda _: None, group)
@@ -184,7 +187,7 @@ def _size(group: rj.AbstractExcitation) -> int:
 
 
 def _can_merge(a: rj.AbstractExcitation, b: rj.AbstractExcitation) -> bool:
-    """Return whether two groups can be merged; tables of records cannot."""
+    """Return whether two groups can be merged; groups of records cannot."""
     if isinstance(a, rj.Records) or jax.tree.structure(a) != jax.tree.structure(b):
         return False
     pairs = zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True)

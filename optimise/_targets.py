@@ -1,8 +1,9 @@
 """Targets of a design: base classes, and targets on overturning.
 
-A target holds where its margins are ≥ 0. A margin is dimensionless and differentiable; for most targets it is
-the relative distance to the limit, at least near 0. The overturning margin of a scene (one structure under
-one motion) is positive if the columns survive, negative if they overturn.
+A target holds where its margins are ≥ 0. A margin is dimensionless and differentiable. For most targets, a
+margin is the relative distance to the limit, at least near 0. A scene is one structure under one motion. The
+overturning margin of a scene is positive if the columns survive, negative if they overturn. The overturning
+scale of a motion is the least factor with which the motion overturns the columns.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ from ._suite import Suite, Values
 Name = str | None
 SearchedTarget = TypeVar("SearchedTarget", bound="AbstractTarget")
 
-# Least `width` of a target while a design is searched; verification uses the target's own `width`.
+# Least `width` (resolution of a search for overturning) while a design is searched. The verification uses the
+# `width` of the target.
 WIDTH_WHILE_SEARCHING = 1e-3
 
 
@@ -66,8 +68,8 @@ class AbstractResponses(Module):
 
     suite: eqx.AbstractVar[Suite]
     outputs: ClassVar[Any]  # required outputs, a tuple as in `rockjax.Options`
-    # Whether `outputs` are peaks that underestimate the response if the columns overturn, because they cover
-    # only the time until overturning.
+    # Whether `outputs` are peaks that cover only the time until overturning, and therefore underestimate the
+    # response if the columns overturn.
     until_overturning: ClassVar[bool] = False
 
     @abc.abstractmethod
@@ -140,11 +142,12 @@ class OverturningAcceleration(AbstractTarget):
     - `at_least`: > 0 [m/s²], or in units of g tan α [–] if `ratio` is True
     - `pulse`: class of the pulse, such as `rockjax.Ricker`; `T_p`: one or several periods, > 0 [s]
     - `ratio`: whether `at_least` is in units of g tan α
-    - `max_acceleration_ratio`: largest searched amplitude, in units of g tan α, > 0 [–]; it must exceed the
-      amplitude `at_least`. If no searched amplitude overturns the columns, the largest searched amplitude is
+    - `max_acceleration_ratio`: largest searched amplitude, in units of g tan α, > 0 [–]; this amplitude must
+      exceed `at_least`. If no searched amplitude overturns the columns, the largest searched amplitude is
       used as a_ov, and the derivatives of the margin are zero
-    - `width`: in (0, 0.1) [–]; resolution of the search for a_ov in the verification: only an interval of
-      overturning amplitudes narrower than `width` times the largest searched amplitude can be missed
+    - `width`: in (0, 0.1) [–]; resolution of the search for a_ov in the verification. The search can miss a
+      range of amplitudes that overturn the columns only if the range is narrower than `width` times the
+      largest searched amplitude
     - `name`: name in reports; None for a description
 
     The margin is a_ov/at_least − 1 for every period. Raises `ValueError` for arguments out of range; if
@@ -205,7 +208,7 @@ class OverturningAcceleration(AbstractTarget):
         amplitudes = jax.vmap(least_amplitude)(self.T_p)
         largest = jax.lax.stop_gradient(self.max_acceleration_ratio * g_tan_alpha)
         amplitudes = jnp.where(amplitudes < jnp.inf, amplitudes, largest)
-        # If no amplitude overturns, the derivatives of the margin are zero with either unit of `at_least`.
+        # If no amplitude overturns, the derivatives of the margin must be zero with both units of `at_least`.
         limit = self.at_least * (
             jnp.where(amplitudes < largest, g_tan_alpha, jax.lax.stop_gradient(g_tan_alpha))
             if self.ratio
@@ -237,8 +240,8 @@ class AbstractScaleTarget(AbstractTarget):
 
     - `max_scale`: largest searched scale; `width`: resolution of the search, as in `OverturningScale`
     - `suite`: the motions
-    - `accepts_fresh_samples`: whether the target depends only on the distribution of the scales, and not on
-      single motions; its suite may then be `FreshSamples`
+    - `accepts_fresh_samples`: whether the target depends only on the distribution of the overturning scales,
+      and not on single motions. The suite may then be `FreshSamples`
     """
 
     max_scale: eqx.AbstractVar[Any]
@@ -248,7 +251,7 @@ class AbstractScaleTarget(AbstractTarget):
 
     @abc.abstractmethod
     def margins_of_scales(self, scales: Float[Array, " k"]) -> Values:
-        """Return the margins for overturning scales (k,); a scale that exceeds `max_scale` is inf."""
+        """Return the margins for overturning scales (k,); scales above `max_scale` are replaced by inf."""
 
     def margins(self, podium: rj.Podium, options: rj.Options) -> Values:
         return self.margins_of_scales(self.least_scales(podium, options))
@@ -257,7 +260,7 @@ class AbstractScaleTarget(AbstractTarget):
         return _with_coarse_width(self)
 
     def least_scales(self, podium: rj.Podium, options: rj.Options) -> Float[Array, " k"]:
-        """Return the overturning scales (k,) of the motions; a scale that exceeds `max_scale` is inf."""
+        """Return the overturning scales (k,) of the motions; scales above `max_scale` are replaced by inf."""
 
         def least_scale(motion):
             return rj.overturning_scale(
@@ -292,14 +295,15 @@ def _scale_range(owner: str, at_least, max_scale, width) -> tuple[float, float, 
 class OverturningScale(AbstractScaleTarget):
     """Every motion must be scaled by at least `at_least` to overturn the columns.
 
-    The overturning scale of a motion is the least factor with which it overturns the columns.
+    The overturning scale of a motion is the least factor with which the motion overturns the columns.
 
     - `at_least`: > 0 [–]; `excitations`: a motion or a list of motions (records, pulses, wavelets)
-    - `max_scale`: largest searched factor, > `at_least`; None for 3 times `at_least` [–]. If no searched
+    - `max_scale`: largest searched factor, > `at_least` [–]; None for 3 times `at_least`. If no searched
       factor on a motion overturns the columns, `max_scale` is used as the overturning scale of this motion,
       with zero derivatives
-    - `width`: in (0, 0.1) [–]; resolution of the search for the overturning scale in the verification: only
-      an interval of overturning factors narrower than `width` times `max_scale` can be missed
+    - `width`: in (0, 0.1) [–]; resolution of the search for the overturning scale in the verification. The
+      search can miss a range of factors that overturn the columns only if the range is narrower than `width`
+      times `max_scale`
     - `name`: name in reports; None for a description
 
     The margin is (overturning scale)/at_least − 1 for every motion. Raises `ValueError` for arguments out of
@@ -327,10 +331,12 @@ class OverturningScale(AbstractScaleTarget):
 
 
 class MedianCapacity(AbstractScaleTarget):
-    """The median of the scales with which the motions of a suite overturn the columns is at least `at_least`.
+    """The median of the overturning scales of the motions of a suite is at least `at_least`.
+
+    The overturning scale of a motion is the least factor with which the motion overturns the columns.
 
     - `at_least`: > 0 [–]; `suite`: two motions or more, or `FreshSamples`
-    - `max_scale`: largest searched factor, > `at_least`; None for 3 times `at_least` [–]. If a motion does
+    - `max_scale`: largest searched factor, > `at_least` [–]; None for 3 times `at_least`. If a motion does
       not overturn the columns up to `max_scale`, its overturning scale is only known to be larger (censored)
     - `width`: as for [`optimise.OverturningScale`][]
     - `name`: name in reports; None for a description
@@ -371,13 +377,13 @@ class OverturningProbability(AbstractResponseTarget):
     - `smoothing`: bandwidth h > 0 of the smoothed probability P [–]
     - `name`: name in reports; None for a description
 
-    The fraction of n motions that overturns the columns jumps by 1/n and has no useful derivative. The target
-    therefore limits the smooth probability P, the mean of Φ(−M/h) over the motions, with the overturning
-    margins M and the standard normal distribution function Φ. The margin of the target is the number m with
-    which the mean of Φ((m − M)/h) is `at_most`. The number m has the sign of at_most − P, and its derivative
-    is useful even where P is almost 0 or 1. In P, a motion with |M| below about 2h counts partly as
-    overturning and partly as surviving; `exact` counts overturned scenes instead. Raises `ValueError` for
-    arguments out of range.
+    The fraction of n motions that overturns the columns changes by jumps of 1/n and has no useful derivative.
+    The target therefore limits the smoothed probability P, the mean of Φ(−M/h) over the motions. M is the
+    overturning margin under a motion, and Φ is the standard normal distribution function. The margin of the
+    target is the number m for which the mean of Φ((m − M)/h) is `at_most`. The number m has the sign of
+    at_most − P, and its derivative is useful even where P is almost 0 or 1. In P, a motion with |M| below
+    about 2h counts partly as overturning and partly as surviving. The method `exact` counts overturned scenes
+    instead. Raises `ValueError` for arguments out of range.
     """
 
     at_most: Any
@@ -401,7 +407,7 @@ class OverturningProbability(AbstractResponseTarget):
         return float(jnp.mean(norm.cdf(-self.suite.overturning_margins(podium, options) / self.smoothing)))
 
     def exact(self, podium: rj.Podium, options: rj.Options = rj.Options()) -> float:
-        """Return the fraction of the motions that overturns a podium [–]; outside jit."""
+        """Return the fraction of the motions that overturn a podium [–]; outside jit."""
         return float(np.mean(self.suite.overturning_margins(podium, options) < 0))
 
     def describe(self) -> str:
@@ -409,9 +415,9 @@ class OverturningProbability(AbstractResponseTarget):
 
 
 def _smoothed_quantile(values: Values, share, bandwidth) -> Float[Array, ""]:
-    """Return the number m with which the mean of Φ((m − values)/bandwidth) is `share`.
+    """Return the number m for which the mean of Φ((m − values)/bandwidth) is `share`.
 
-    Derivatives follow from the implicit function theorem.
+    Φ is the standard normal distribution function. Derivatives follow from the implicit function theorem.
     """
     constant = jax.lax.stop_gradient(values)
 
@@ -421,7 +427,7 @@ def _smoothed_quantile(values: Values, share, bandwidth) -> Float[Array, ""]:
         is_below = jnp.mean(norm.cdf((middle - constant) / bandwidth)) < share
         return jnp.where(is_below, middle, low), jnp.where(is_below, high, middle)
 
-    # If all values were equal, the root would be at the distance `reach` from this value.
+    # If all values were equal, m would be at the distance `reach` from this value.
     reach = -bandwidth * norm.ppf(jnp.minimum(share, 1 - share))
     bracket = (jnp.min(constant) - reach, jnp.max(constant) + reach)
     root = jax.lax.stop_gradient(jax.lax.fori_loop(0, 60, halve, bracket)[1])

@@ -127,7 +127,7 @@ def as_podium(structure: Structure) -> rj.Podium:
 
 @contextlib.contextmanager
 def _without_unit_warnings() -> Iterator[None]:
-    """Suppress warnings about units, which are meant for values that a user has typed."""
+    """Suppress warnings about units, which are useful only for values that a user has typed."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", rj.PlausibilityWarning)
         yield
@@ -159,8 +159,8 @@ class Variables(Module):
         log_lower, log_upper = (xp.log(xp.where(is_log, bound, 1.0)) for bound in (lower, upper))
         exponential = xp.exp(log_lower * (1 - x) + log_upper * x)
         values = xp.where(is_log, exponential, lower * (1 - x) + upper * x)
-        # Rounding may move values out of the bounds. The clip is not differentiated, because this would halve
-        # slopes at a bound.
+        # Rounding may move values out of the bounds. The clip is not differentiated, because its derivative
+        # at a bound is ½.
         clipped = xp.clip(values, lower, upper)
         return clipped if xp is np else values + jax.lax.stop_gradient(clipped - values)
 
@@ -196,8 +196,8 @@ def make_variables(
     - `base`: the structure; `vary`: name → (lowest, highest), unscaled
     - `owner`: name of the public function, for error messages
 
-    Raises `ValueError` for a structure with arrays of parameters, for no or unknown names, for two names of
-    the same quantity, and for bounds that are not a range or with which there is no valid structure.
+    Raises `ValueError` for a structure with arrays of parameters, for an empty `vary`, for unknown names, for
+    two names of the same quantity, and for bounds that are not a range or that define no valid structure.
     """
     if not isinstance(base, Structure):
         raise ValueError(f"{owner}: podium must be a rockjax.Podium or an optimise.Dimensions, got {base!r}")
@@ -264,11 +264,12 @@ def as_bounds(owner: str, name: str, pair: Any) -> tuple[float, float]:
 
 
 def numbers_as_arrays(base: Structure) -> Structure:
-    """Turn the Python numbers of an `optimise.Dimensions` into arrays: compiled programs take arrays as
-    arguments, but Python numbers as constants.
+    """Turn the Python numbers of an `optimise.Dimensions` into arrays, so that other values need no other
+    compilation.
 
-    Zeros stay Python numbers, because a zero may mean that a component is absent: a top mass of 0 means no
-    superstructure.
+    Compiled programs take arrays as arguments and contain Python numbers as constants. Zeros stay Python
+    numbers, because a zero may mean that a component is absent. For example, a top mass of 0 means that there
+    is no superstructure.
     """
     if isinstance(base, rj.Podium):
         return base
@@ -350,10 +351,10 @@ def parameter(base: Structure, name: str) -> Parameter:
 
 
 def _row_entry(name: str) -> tuple[Parameter | None, int]:
-    """Return the row of dimensions, such as `story_masses`, and the position in this row, from 1, that a name
-    such as `story_mass_2` denotes.
+    """Return the row of dimensions and the position in this row, from 1, that the name of a variable denotes.
 
-    Return (None, 0) for a name that denotes no position in a row.
+    For example, `story_mass_2` denotes position 2 of `story_masses`. Return (None, 0) for a name that denotes
+    no position in a row.
     """
     row, _, position = name.rpartition("_")
     is_in_row = row in ROWS_OF_DIMENSIONS and position.isdecimal()
