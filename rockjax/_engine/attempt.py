@@ -1,4 +1,5 @@
-"""A trial step: its length, its error, the state just past its end, and the length of the next step.
+"""A trial step: its length, its error, the state at an event close to its end, and the length of the next
+step.
 
 A trial step is a step that may still be rejected, or shortened to end on an event. It ends at the next
 breakpoint of the excitation (a time at which the ground motion has a jump or a kink) at the latest.
@@ -40,15 +41,15 @@ class Attempt(NamedTuple):
 
     h: Value  # length of the step [s]
     reaches_stop: Flag  # the step ends at `stop`
-    stop: Value  # time of the next breakpoint or of the end of the scene, with derivatives [s]
+    stop: Value  # latest end of the step: the next breakpoint or the end of the scene, with derivatives [s]
     ends_scene: Flag  # the step ends at the end of the scene
     starts_at_zero: Flag  # the step starts rocking from θ = 0, after an impact or an uplift
     a0: Vector  # accelerations at the start
     end: Step  # state, accelerations and error estimates at the end
     error: Value  # estimated error divided by the tolerance
-    growth: Value  # length of the next trial, according to the error, divided by the length of this trial
+    growth: Value  # factor from the length of this trial to that of the next, according to the error
     finite: Flag  # the error is neither inf nor NaN
-    # The error is finite, and it is within the tolerance unless the step cannot be shortened any further.
+    # The error is finite, and it is within the tolerance or the step cannot be shortened any further.
     accurate: Flag
     time_resolution: Value  # shorter times are rounding errors [s]
 
@@ -57,15 +58,15 @@ class StepOutcome(NamedTuple):
     """Outcome of a trial: whether the step is accepted or must be shortened, and the event at its end."""
 
     accepted: Flag
-    retry_fraction: Value  # fraction of this step that is tried next; inf if no shorter step is needed
-    lands: Flag  # the step ends on an event, up to the small time difference `after`
+    retry_fraction: Value  # length of the next trial over that of this one; inf if this need not be shorter
+    lands: Flag  # the step ends on an event, or so close to it that a Taylor expansion covers `after`
     after: Value  # time from the end of the step to the event or breakpoint there, with derivatives [s]
-    false_uplift: Flag  # the step does not confirm the uplift, so the columns return to full contact
-    largest: tuple[Any, ...]  # largest value of each output in the step; None if the output has no maximum
+    false_uplift: Flag  # the uplift just before the step was false; the columns return to full contact
+    largest: tuple[Any, ...]  # largest value of each output in the step; None for outputs without a maximum
 
 
 def attempt(scene: Scene, plan: Plan, state: LoopState, ground_at, replayed: Decision | None) -> Attempt:
-    """Try one step from a state, without a search for events.
+    """Take one step from a state, without a search for events.
 
     - `scene`: the prepared scene; `plan`: settings that are fixed at compilation, such as the tableau
     - `state`: state at the start of the step
@@ -126,12 +127,12 @@ def _length(
     """Return the length of the trial [s], and whether the trial ends at the time `stop`.
 
     - `scene`, `state`: the prepared scene, and the state at the start of the step
-    - `theta_ddot`, `jerk`: θ̈ [rad/s²] and d³θ/dt³ [rad/s³] at the start; `jerk` is None to do without it
+    - `theta_ddot`, `jerk`: θ̈ [rad/s²] and d³θ/dt³ [rad/s³] at the start; `jerk` may be None
     - `starts_at_zero`: True if the step starts rocking from θ = 0
     - `stop`: time of the next breakpoint or of the end of the scene [s]
     """
     remaining = stop - state.t
-    # The comment at `SPLIT` in scene.py explains how steps divide the remaining time.
+    # The comment above `SPLIT` in scene.py explains how steps divide the remaining time.
     covers_remaining = (state.h > 0.999 * remaining) & (
         (state.h < 1.001 * remaining) | (state.h > scene.unsplit_limit * remaining)
     )
@@ -170,14 +171,14 @@ def _to_impact(state: LoopState, theta_ddot: Value, jerk: Value, h: Value) -> Va
     angle, rate, curvature, jerk = (state.sigma * y for y in (theta, theta_dot, theta_ddot, jerk))
     path = barrier(Quintic(angle, h * rate, h**2 * curvature / 2, h**3 * jerk / 6, zero, zero))
     hits = (angle > 0) & (path.value(one) < 0)
-    # `earliest` is a lower bound on the time of the impact divided by h. Without it, a search that has not
-    # converged could return almost zero again and again.
+    # `earliest` is a lower bound on the time to the impact, divided by h. Without this bound, a search that
+    # has not converged could propose steps of almost zero length again and again.
     earliest = safe_ratio(angle, sum((jnp.abs(c) for c in path[1:]), zero), hits)
     return jnp.where(hits, h * crossing(path, earliest, one), h)
 
 
 def _jerk(state: LoopState, field: Acceleration, a0: Vector) -> Value:
-    """Return d³θ/dt³ at the start of the step [rad/s³], for the prediction of the next impact.
+    """Return the jerk d³θ/dt³ at the start of the step [rad/s³], for the prediction of the next impact.
 
     The jerk is used only under sampled ground motions, or if an output needs every impact.
     """
@@ -226,8 +227,8 @@ def natural_units(c: Coefficients) -> tuple[Vector, Vector]:
 
 
 def step_factor(plan: Plan, error: Value) -> Value:
-    """Return the length of the next step divided by that of the present step, for an error divided by the
-    tolerance."""
+    """Return the length of the next step divided by that of the present step. `error` is the estimated error
+    of the present step divided by the tolerance."""
     root = jnp.exp(-jnp.log(jnp.clip(error, 1e-30, 1e30)) / plan.tableau.order)  # cheaper than a power
     return jnp.clip(SAFETY * root, SHRINK, GROW)
 
@@ -240,8 +241,8 @@ def next_length(scene: Scene, state: LoopState, trial: Attempt, t: Value) -> Val
     - `t`: time at the end of the step [s]
 
     If the step was shorter than `state.h` although its error is below half the tolerance, an event, a
-    breakpoint or a maximum has shortened it. The proposal is then at least `state.h`. It never exceeds the
-    longest step of the scene.
+    breakpoint or a maximum has shortened it. The proposed length is then at least `state.h`. The proposed
+    length never exceeds the longest step of the scene.
     """
     proposed = trial.h * trial.growth
     shortened = (trial.h < 0.99 * state.h) & (trial.error < 0.5)
@@ -250,11 +251,12 @@ def next_length(scene: Scene, state: LoopState, trial: Attempt, t: Value) -> Val
 
 
 def state_past(scene: Scene, state: LoopState, trial: Attempt, after: Value) -> tuple[Vector, Vector]:
-    """Return positions and velocities shortly after the end of a step, by Taylor expansion from the end.
+    """Return positions and velocities shortly before or after the end of a step, by Taylor expansion from the
+    end.
 
     - `scene`: the prepared scene
     - `state`, `trial`: the state before the step, and the step
-    - `after`: time past the end of the step [s]
+    - `after`: time past the end of the step, negative before the end [s]
 
     The quintic through both ends of the step gives the third to fifth derivatives. If the step is very short,
     the third derivative is its mean over the step, and the fourth and fifth are zero.

@@ -32,7 +32,8 @@ def all_true(flags: Flags) -> Flag:
 
 
 class Bounds:
-    """Bounds on the motion after a given state. They are held constant under differentiation.
+    """Bounds on the motion after a given state. They are held constant under differentiation. Columns rest
+    for good if they are in full contact and never lift again.
 
     - `c`: constants of the podium
     - `overturn_angle`: α_o [rad]
@@ -40,7 +41,7 @@ class Bounds:
     - `ground`, `vertical`: bounds on the present and later |ü_g| and |v̈_g| [m/s²]; `vertical` is the float
       0.0 if the ground does not move vertically
     - `energy`: bound on the energy per mass N m_c of all columns, (C19) [m²/s²]
-    - `min_impact_speed`: an impact with a speed |θ̇⁻| before the impact up to this value ends rocking [rad/s]
+    - `min_impact_speed`: an impact ends rocking if |θ̇| before the impact is at most this [rad/s]
     - `stays_inside`: whether the rotation stays inside the well
     - `rests`: whether the columns rest for good; the Python value False unless full contact is integrated
       step by step
@@ -71,9 +72,10 @@ class Bounds:
         - `scene`: the prepared scene
         - `state`: state after a step
         - `piece`: piece of the excitation that follows
-        - `ground`: present ground acceleration on that piece, ü_g, or ü_g and v̈_g [m/s²]
-        - `follows_contact`: whether full contact is integrated step by step. Otherwise the podium is rigid
-          and goes directly to its next uplift, or the scene ends
+        - `ground`: present ground acceleration on that piece [m/s²], ü_g or, with vertical motion, a
+          `Shaking` with ü_g and v̈_g
+        - `follows_contact`: whether full contact is integrated step by step. Otherwise a podium in full
+          contact goes directly to its next uplift, or its scene ends
 
         `energy_after` gives the bound on the energy. If the columns are in full contact and the bound on |q|
         is below the threshold, they never lift again, and the modes vibrate independently. Vertical motion
@@ -116,8 +118,7 @@ class Bounds:
         return self
 
     def shared(self, make: Callable[[Self], T]) -> T:
-        """Return `make(self)`, which is computed once for each function `make`, so that outputs can share
-        it."""
+        """Return `make(self)`. The result is computed once for each function `make`, and outputs share it."""
         if make not in self._shared_results:
             self._shared_results[make] = make(self)
         return self._shared_results[make]
@@ -132,7 +133,7 @@ class Bounds:
 
         - `weights`: w_i
         - `beam_weight`: w²/m if the sum has a further term w θ̇, where ½mθ̇² is the kinetic energy of columns
-          and beam; 0 without a further term
+          and beam divided by N m_c; 0 without a further term
 
         Unless the columns rest for good, the bound is √(2E(Σ w_i²/η_i + `beam_weight`)), where E is the bound
         on the energy. If they rest for good, the bound follows from `velocity_amplitudes`.
@@ -162,7 +163,8 @@ class Bounds:
         return self.ground + self.either(jnp.zeros_like(rocking), rocking)
 
     def base_shear(self) -> Value:
-        """Bound the shear of a superstructure with at most one mode, divided by its mass [m/s²]."""
+        """Bound the shear of a superstructure with at most one mode, divided by the mass of the
+        superstructure [m/s²]."""
         return self.beam if self.c.vibration is None else self.springs(jnp.ones_like(self.c.eta))
 
     def floor_acceleration(self, weights: Values) -> Value:
@@ -198,5 +200,6 @@ class Bounds:
 
 
 def _nonzero(mass: Values) -> Values:
-    """Return the mass as a divisor, with zeros replaced by the smallest positive number."""
+    """Return the mass ratios, with zeros replaced by the smallest positive number, so that they can be
+    divisors."""
     return jnp.maximum(mass, jnp.finfo(mass.dtype).tiny)

@@ -11,15 +11,16 @@ from .state import LoopState, Plan, Scene
 
 
 def certificate(scene: Scene, plan: Plan, state: LoopState, piece: Index, ground: Value | Shaking) -> Flag:
-    """Return whether all requested outputs are final, whatever the rest of the excitation does.
+    """Return whether no requested output can change during the rest of the excitation and after it.
 
-    The outputs are final if the columns stay inside the potential well (see `bounds.py`) or rest for good,
-    and every output confirms that its accumulator (the value up to the present time) can no longer change.
+    This is the case if the columns stay inside the potential well (see `bounds.py`) or never lift again, and
+    every output confirms that its accumulator (its value up to the present time) can no longer change.
 
     - `scene`: the prepared scene; `plan`: settings that are fixed at compilation, such as the outputs
     - `state`: state after a step
     - `piece`: piece of the excitation after the step
-    - `ground`: ground acceleration at the end of the step on that piece, ü_g, or ü_g and v̈_g [m/s²]
+    - `ground`: ground acceleration at the end of the step on that piece [m/s²], ü_g or, with vertical motion,
+      a `Shaking` with ü_g and v̈_g
     """
     bounds = Bounds.after_step(scene, state, piece, ground, plan.follows_contact)
     final = bounds.stays_inside | bounds.rests

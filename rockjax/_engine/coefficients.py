@@ -25,24 +25,29 @@ T = TypeVar("T")
 
 
 class ModalConstants(NamedTuple):
-    """Constants of a superstructure with several modes, a residual mass or floors."""
+    """Constants of a superstructure with several vibration modes, a residual mass or floors. The residual
+    mass belongs to no mode and moves with the beam. Mass ratios are masses divided by the mass N m_c of all
+    columns."""
 
     eta: Values  # mass ratios η_i of the modes
-    # η_i divided by the mass ratio of the whole superstructure; equal shares if it has no mass.
+    # η_i divided by the mass ratio of the whole superstructure; equal shares if the superstructure has no
+    # mass.
     shares: Values
-    residual: Value | None  # η_r of the residual mass, a part of γ; None if the modes have all the mass
-    # Γ_iφ_ji, participation factor times mode shape, of the floors j and the modes i; None without floors.
+    residual: Value | None  # mass ratio η_r of the residual mass, a part of γ; None without residual mass
+    # Γ_iφ_ji, participation factor Γ_i of mode i times its shape φ_ji at floor j, shape (floors, modes) [–];
+    # None without floors.
     floors: Values | None
 
 
 class Vibration(NamedTuple):
     """Constants of the vibrating superstructure: scalars for one mode, arrays for several."""
 
-    coupling: Values  # 3η_i/(2R)
+    coupling: Values  # 3η_i/(2R), Eq. (24) [1/m]
     demand: Values  # factor of the spring forces in the uplift demand, 2η_i/(1+2γ), Eq. (9)
     omega2: Values  # ω_i² [rad²/s²]
     damping: Values  # 2ζ_iω_i [rad/s]
-    uplifted_frequency: Value  # highest frequency on lifted columns, Eq. (31) or (C15) [rad/s]
+    # Highest frequency of the superstructure on lifted columns, Eq. (31) or (C15) [rad/s].
+    uplifted_frequency: Value
     modal: ModalConstants | None  # None for a single mode that is the whole superstructure
 
 
@@ -50,10 +55,12 @@ class Restraint(NamedTuple):
     """Constants of the restrainers (tendons, dampers, inerters)."""
 
     restrainers: tuple[AbstractRestrainer, ...]
-    slip: Value  # |elongation rate|/(Rp) below which forces with an infinite slope are smoothed
-    well: Value  # θ_w: |θ| at the top of the potential well, at most π/2 [rad]
-    apparent_mass: Value | None  # μ; None if there are no inerters
-    restrained_frequency: Value | None  # frequency of rocking due to tendons [rad/s]; None without tendons
+    slip: Value  # |elongation rate|/(Rp) below which forces with an infinite slope are smoothed [–]
+    # θ_w, at most π/2 [rad]: as long as |θ| < θ_w, gravity and restrainers pull the columns back.
+    well: Value
+    apparent_mass: Value | None  # inertance divided by m_c, μ [–]; None without inerters
+    # Frequency of rocking on the stiffness of tendons alone, without gravity [rad/s]; None without tendons.
+    restrained_frequency: Value | None
 
     @property
     def steep(self) -> bool:
@@ -65,10 +72,12 @@ class Joints(NamedTuple):
     """Constants of the joint forces.
 
     - `gamma`: ratio γ of the mass that moves with the beam; `lam`: inertia factor λ of a column
-    - `dead_load`: axial force of the mean column at rest divided by m_c g, at the bottom and top joint [–]
+    - `dead_load`: axial force at rest, averaged over the columns and divided by m_c g, at the bottom and the
+      top joint, shape (2,) [–]
     - `impulses`: impulses of an impact divided by m_c and by the impact speed |θ̇⁻|, (F12) [m]
-    - `impulse_eccentricity`: eccentricity ξ_J of the impulses, divided by half the width of a column, (F13)
-    - `arms`: positions of the columns and first moments of the masses; None if no elevation is given
+    - `impulse_eccentricity`: eccentricity of the impulses divided by half the width of a column, ξ_J, (F13)
+      [–]
+    - `arms`: positions of the columns, and mass ratios times heights; None if the podium has no elevation
     """
 
     gamma: Value
@@ -90,18 +99,19 @@ class Coefficients(NamedTuple):
     restitution: Value  # restitution factor e, Eq. (27) or another law
     uplift: Value  # uplift threshold q_up, Eq. (9) [m/s²]
     two_R: Value  # 2R [m]
-    inertia: Value  # 3γ + ¾(1+λ), Eq. (24)
-    centrifugal: Value  # 3η, Eq. (24)
+    inertia: Value  # 3γ + ¾(1+λ), Eq. (24) [–]
+    centrifugal: Value  # 3η, Eq. (24) [–]
     gravity: Value  # p² (2η+2γ+1), Eq. (24) [1/s²]
     ground: Value  # p² (2γ+1)/g, Eq. (24) [1/m]
     weight: Value  # 2Rg (η+γ+½), Eq. (19) [m²/s²]
     spin: Value  # (1+λ+4γ) R², Eq. (18) [m²]
-    impulse_factor: Value  # C of the energy bound, see `energy_after`
+    impulse_factor: Value  # C of the energy bound, see `energy_after` in energy.py [–]
     g: Value  # acceleration of gravity [m/s²]
     eta: Value  # η, mass ratio of the vibrating mass
     vibration: Vibration | None
     restraint: Restraint | None
-    # tan α (1+2γ+2η)/(1+2γ), the factor of v̈_g in the threshold, (C10); None without v̈_g.
+    # tan α (1+2γ+2η)/(1+2γ), the factor of the vertical ground acceleration v̈_g in the uplift threshold,
+    # (C10) [–]; None without v̈_g.
     uplift_slope: Value | None
     joints: Joints | None  # None unless joint forces are requested
 
@@ -116,9 +126,9 @@ class Coefficients(NamedTuple):
 
 
 def divided_by_inertia(c: Coefficients) -> Coefficients:
-    """Return constants that are valid in `acceleration` only. If the inertia is constant (a rigid podium
-    without restrainers), `gravity` and `ground` are divided by the inertia, and each stage of a step saves a
-    division. Otherwise the constants are unchanged."""
+    """Return constants for use in `acceleration` only. If nothing vibrates and there are no restrainers, the
+    inertia is constant; then `gravity` and `ground` are divided by it, which saves a division in each stage
+    of a step. Otherwise the constants stay as they are."""
     if c.vibration is not None or c.restraint is not None:
         return c
     gravity, ground = barrier((c.gravity / c.inertia, c.ground / c.inertia))
@@ -126,7 +136,7 @@ def divided_by_inertia(c: Coefficients) -> Coefficients:
 
 
 def not_none(value: T | None) -> T:
-    """Return a value whose type is optional, but which is not None."""
+    """Return the value, for the type checker: its type allows None, but it is never None."""
     assert value is not None
     return value
 
@@ -137,7 +147,7 @@ def summed(values: Values) -> Value:
 
 
 def weighted(weights: Values, values: Values) -> Value:
-    """Return Σ w_i y_i over modes."""
+    """Return Σ w_i y_i over the modes i, with the weights w_i and the values y_i."""
     return summed(weights * values)
 
 
@@ -151,8 +161,8 @@ def coefficients(
     """Return the constants of Eqs. (9), (19), (22), (24), (27) for one podium; use `vmap` for batches.
 
     - `podium`: the podium, with scalar parameters
-    - `slip`: relative tolerance [–]; forces of restrainers with an infinite slope at θ̇ = 0, such as dampers
-      with an exponent ν < 1, are smoothed below |θ̇|/(pα) = 10 `slip`
+    - `slip`: tolerance of the smoothing [–]. Forces of restrainers whose slope is infinite at θ̇ = 0, such as
+      those of dampers with an exponent ν < 1, are smoothed where |θ̇|/(pα) < 10 `slip`
     - `vertical`: whether the ground moves vertically as well
     - `joints`: whether joint forces are requested
     """
@@ -166,7 +176,8 @@ def coefficients(
         cos_alpha=jnp.cos(podium.alpha),
         p=p,
         restitution=podium.restitution_factor,
-        # A demand equal to the threshold causes no uplift. The factor prevents uplift due to rounding.
+        # A demand equal to the threshold causes no uplift. The factor, slightly above 1, prevents uplift due
+        # to rounding.
         uplift=podium.uplift_acceleration * (1 + 64 * jnp.finfo(R.dtype).eps),
         two_R=2 * R,
         inertia=3 * gamma + 0.75 * (1 + lam),
@@ -195,8 +206,9 @@ def _joints(podium: Podium) -> Joints:
     sin, cos = jnp.sin(podium.alpha), jnp.cos(podium.alpha)
     e = jnp.maximum(podium.restitution_factor, 0.0)
     impulses_per_speed = impulses(2 * podium.R, sin, cos, gamma, eta, (bottom, top), e)
-    # If inerters across both joints have the inertance μ_2, and inerters across one joint μ_1, the inertances
-    # at the bottom and the top joint are μ_2 + 2μ_1 and μ_2. The eccentricity needs their mean, μ_2 + μ_1.
+    # Let μ_2 be the inertance of inerters across both joints. Let inerters in the bottom joint only be
+    # equivalent to an inertance μ_1 across both joints. The inertances at the bottom and the top joint are
+    # then μ_2 + 2μ_1 and μ_2. The eccentricity needs their mean, μ_2 + μ_1.
     eccentricity = impulse_eccentricity(sin**2, gamma, eta, podium.lam, 0.5 * (bottom + top), e)
     return Joints(gamma, podium.lam, podium.dead_load, impulses_per_speed, eccentricity, arms)
 

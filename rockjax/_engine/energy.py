@@ -17,8 +17,8 @@ from .model import elongation
 
 
 def rotational_inertia(c: Coefficients, sigma: Value, theta: Value) -> Value:
-    """Return the factor I of θ̈ in Eq. (24) or, with inerters, (C8) [–]. The superstructure counts as fixed to
-    the beam, as in (C21)."""
+    """Return the factor I of θ̈ in Eq. (24) or, with inerters, (C8), with 3η in place of 3η sin²ψ, (C21) [–].
+    I is the inertia of a podium whose superstructure is fixed to the beam."""
     total, mass = c.inertia + c.centrifugal, _apparent_mass(c)
     if mass is None:
         return total
@@ -26,8 +26,8 @@ def rotational_inertia(c: Coefficients, sigma: Value, theta: Value) -> Value:
 
 
 def spin_with_inerters(c: Coefficients, sigma: Value, theta: Value) -> Value:
-    """Return the factor of ½θ̇² in the kinetic energy of columns and beam, Eq. (18), and of inerters, (C17),
-    per N m_c [m²]."""
+    """Return the factor of ½θ̇² in the kinetic energy of columns, beam and inerters, Eq. (18) and (C17),
+    divided by the mass N m_c of all columns [m²]."""
     mass = _apparent_mass(c)
     if mass is None:
         return c.spin
@@ -39,8 +39,8 @@ def _apparent_mass(c: Coefficients) -> Value | None:
 
 
 def potential(c: Coefficients, sigma: Value, theta: Value) -> Value:
-    """Return the potential energy of gravity, Eq. (19), and of restrainers, (C3), per mass N m_c of all
-    columns [m²/s²]. The potential energy is zero in full contact."""
+    """Return the potential energy of gravity, Eq. (19), and of restrainers, (C3), divided by the mass N m_c
+    of all columns [m²/s²]. The potential energy is zero in full contact."""
     s, cos = sincos(0.5 * theta)
     # cos ψ − cos α is computed as 2 sin(|θ|/2) sin(α − |θ|/2), which has no cancellation at small rotations.
     stored = c.weight * 2 * sigma * s * (c.sin_alpha * cos - c.cos_alpha * sigma * s)
@@ -54,14 +54,14 @@ def potential(c: Coefficients, sigma: Value, theta: Value) -> Value:
 
 
 def potential_slope(c: Coefficients, theta: Value) -> Value:
-    """Return the slope V' of the potential energy, (C5), at |θ| = `theta`, per N m_c [m²/s²]."""
+    """Return the derivative V' of `potential` with respect to |θ|, at |θ| = `theta` [rad], (C5) [m²/s²]."""
     one = jnp.ones_like(theta)
     return jax.jvp(lambda angle: potential(c, one, angle), (theta,), (one,))[1]
 
 
 def energy(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Value:
-    """Return the mechanical energy of the motion relative to the ground, per N m_c [m²/s²]: Eqs. (16) to (19)
-    without the terms of the ground motion, (C17).
+    """Return the mechanical energy of the motion relative to the ground, divided by N m_c [m²/s²]: Eqs. (16)
+    to (19) without the terms of the ground motion, (C17).
 
     - `c`: constants of the podium
     - `sigma`: contact mode σ ∈ {−1, 0, 1}
@@ -77,21 +77,22 @@ def energy(c: Coefficients, sigma: Value, x: Vector, v: Vector) -> Value:
 
 
 def vertical_impulse_weight(c: Coefficients, max_sin_psi: Value) -> Value:
-    """Return C_v/C of (C19), the weight of ∫|v̈_g| dt relative to ∫|ü_g| dt, where `max_sin_psi` is a bound on
-    |sin ψ|."""
+    """Return C_v/C of (C19), the weight of ∫|v̈_g| dt relative to ∫|ü_g| dt [–]. `max_sin_psi` is an upper
+    bound on |sin ψ|."""
     spin, weight = c.spin / (0.5 * c.two_R) ** 2, c.gravity / c.p**2
     return weight * max_sin_psi / jnp.sqrt(2 * (spin + 4 * c.eta * max_sin_psi**2)) / c.impulse_factor
 
 
 def energy_after(c: Coefficients, now: Value, impulse: Value) -> Value:
-    """Bound the energy E at all later times, from the present energy and the remaining impulse of the ground.
+    """Return an upper bound on the energy E at all later times, divided by N m_c [m²/s²].
 
-    - `now`: present energy per N m_c [m²/s²]
-    - `impulse`: ∫|ü_g| dt over all later times [m/s]
+    - `now`: present energy divided by N m_c [m²/s²]
+    - `impulse`: ∫|ü_g| dt over all later times [m/s]; with vertical motion, plus C_v/C times ∫|v̈_g| dt
 
-    Per N m_c, the ground does work at the rate −ü_g[(½+γ)u̇_b + η u̇_t]. By the Cauchy–Schwarz inequality,
-    the rate is at most 2C|ü_g|√T with C² = (1+2γ)²/(2(1+λ+4γ)) + η/2 and the kinetic energy T. Where the
-    potential energy is not negative (without restrainers, for |θ| ≤ 2α), T ≤ E, so √E grows at most at the
-    rate C|ü_g|. Damping and impacts only dissipate energy.
+    The ground does work at the rate −ü_g[(½+γ)u̇_b + η u̇_t], divided by N m_c. By the Cauchy–Schwarz
+    inequality, this rate is at most 2C|ü_g|√T with the kinetic energy T and C² = (1+2γ)²/(2(1+λ+4γ)) + η/2.
+    Where the potential energy is not negative (without restrainers, for |θ| ≤ 2α), T ≤ E. Therefore √E grows
+    at most at the rate C|ü_g|. Damping and impacts only dissipate energy. docs/numerics.md has the
+    derivation.
     """
     return (jnp.sqrt(jnp.maximum(now, 0.0)) + c.impulse_factor * impulse) ** 2

@@ -1,7 +1,8 @@
-"""The flat engine: a single loop over the trial steps of a scene (one podium under one excitation).
+"""The flat engine: a single loop over the trial steps of a scene (one podium under one excitation). A trial
+step is a step that may be rejected, or shortened to end on an event.
 
-The loop can store its accepted steps as nodes. It can also store the decisions of these steps (their lengths
-and events), from which the scene can be repeated.
+The loop can store the state after each accepted step as a node. It can also store the decision of each step
+(its length and event), from which the same steps can be repeated.
 """
 
 from __future__ import annotations
@@ -26,21 +27,22 @@ from .step import step
 MANY_STEPS = 50_000
 # The result is CHATTERING if more than this fraction of the accepted steps end with an impact.
 BOUNCING = 0.2
-# The result is TOO_STIFF if the frequency after uplift times the duration of the scene exceeds this [rad].
+# The result is TOO_STIFF if the duration of the scene times the highest frequency of the superstructure on
+# lifted columns exceeds this [rad].
 MAX_RADIANS = 50_000
 
 
 class Nodes(NamedTuple):
-    """Accepted steps of a scene. Node k is the state after k steps. If step k ends with an event, it is the
-    state after the event."""
+    """Accepted steps of a scene. Node k is the state after k steps. If step k ends with an event, node k is
+    the state after the event."""
 
     t: Float[Array, " n"]  # times [s]; inf for unused nodes
     x: tuple[Float[Array, " n ..."], ...]  # positions
     v: tuple[Float[Array, " n ..."], ...]  # velocities
     sigma: Float[Array, " n"]  # contact modes
     piece: Array  # pieces of the excitation
-    impact_time: Float[Array, " n"]  # time of the impact [s]; NaN unless the node is an impact
-    event_time: Float[Array, " n"]  # equal to `t`, but not held constant under differentiation [s]
+    impact_time: Float[Array, " n"]  # time of the impact that ends the step [s]; NaN for other steps
+    event_time: Float[Array, " n"]  # equal to `t`, which has no derivatives, but with derivatives [s]
     used: Index  # number of appended nodes; may exceed the capacity n
 
 
@@ -60,7 +62,7 @@ def blank_nodes(state: LoopState, capacity: int) -> Nodes:
 
 
 def _put(buffers, at: Index, values):
-    """Write values into row `at` of the buffers. Values for a row past the end are dropped."""
+    """Write values into row `at` of the buffers. A row past the end is dropped."""
     return jax.tree.map(lambda b, y: b.at[at].set(y, mode="drop"), buffers, values)
 
 
@@ -79,13 +81,13 @@ def _first_node(state: LoopState, capacity: int) -> Nodes:
 
 
 def is_running(state: LoopState, max_steps: int) -> Array:
-    """Return whether a scene has no result yet and may try another step."""
+    """Return whether a scene has no result yet, and has tried fewer than `max_steps` steps."""
     return (state.code == results.RUNNING) & (state.steps + state.rejected < max_steps)
 
 
 def with_end_code(scene: Scene, state: LoopState) -> LoopState:
-    """Set the result of a scene that has used up its steps: CHATTERING, TOO_STIFF or OUT_OF_STEPS. A scene
-    that already has a result keeps it."""
+    """Return the state with the result CHATTERING, TOO_STIFF or OUT_OF_STEPS if the scene has used up its
+    steps. A scene that already has a result keeps it."""
     code = jnp.full_like(state.code, results.OUT_OF_STEPS)
     has_many_steps = state.steps + state.rejected >= MANY_STEPS
     if scene.c.vibration is not None:
@@ -157,15 +159,15 @@ def record_decisions(
 def solve_scene(
     scene: Scene, plan: Plan, state: LoopState, max_steps: int, capacity: int | None, reversible: bool
 ) -> tuple[LoopState, LoopState, Nodes | None]:
-    """Integrate a scene, with or without derivatives in reverse mode.
+    """Integrate a scene in a loop that reverse mode can differentiate (`reversible`), or in a plain loop.
 
     - `scene`, `plan`, `state`, `max_steps`: as in `run`
     - `capacity`: number of nodes to store; None stores none. A scene with more nodes ends with HISTORY_FULL
-    - `reversible`: whether to integrate twice: first to record the decisions, then to replay them in a loop
-      that also has derivatives in reverse mode
+    - `reversible`: True to integrate twice: first to record the decisions, then to repeat the recorded steps
+      in a loop that reverse mode can differentiate
 
-    Returns two final states, and the nodes or None. Use the floats of the first state, and the integers and
-    flags of the second. The two are the same state unless `reversible`.
+    Returns two final states, and the nodes or None. Read floats from the first state, and integers and flags
+    from the second. Unless `reversible`, both are the same state.
     """
     if not reversible:
         if capacity is None:
@@ -190,9 +192,9 @@ def _run_and_store(scene: Scene, plan: Plan, state: LoopState, max_steps: int, s
     - `stored`: storage at the start
 
     Returns the final state and the storage. Under `vmap` each scene is a lane of one loop. All lanes leave
-    the loop together; a lane whose scene has ended stores nothing more. Because of this common condition, an
-    iteration writes only one row of the storage of each lane. If each lane had its own condition, JAX would
-    copy all rows.
+    the loop together, and a lane whose scene has ended stores nothing more. This common condition saves time:
+    an iteration writes one row of the storage of each lane, whereas JAX would copy all rows if each lane had
+    its own condition.
     """
 
     def body(carry):
@@ -219,9 +221,9 @@ def replay(
     - `decisions`, `count`: recorded decisions, arrays of length `max_steps`, and their number
     - `capacity`: number of nodes to store; None stores none
 
-    Returns the final state, and the nodes or None. Reverse mode computes steps again from checkpoints. As two
-    programs round differently, a step might be accepted the first time and rejected the second time. States
-    and cotangents would then belong to different times. Recorded decisions prevent this.
+    Returns the final state, and the nodes or None. Reverse mode computes steps again from checkpoints. The
+    two passes round differently, so a step might be accepted in the first and rejected in the second. States
+    and cotangents would then belong to different times. The recorded decisions prevent this.
 
     Checkpoints have two levels: one before each block of about √`max_steps` steps, and one before each step
     of the block that is being computed again. A checkpoint contains only the state. More levels or more data
@@ -246,7 +248,7 @@ def replay(
 
     start = (state, None if capacity is None else _first_node(state, capacity), jnp.zeros((), jnp.int32))
     max_steps = decisions.h.shape[0]
-    base = math.isqrt(max_steps) + 2  # its square is more than max_steps
+    base = math.isqrt(max_steps) + 2  # base² > max_steps, so that two levels suffice
     state, nodes, _ = eqxi.while_loop(
         lambda carry: carry[2] < count, body, start, max_steps=max_steps, kind="bounded", base=base
     )

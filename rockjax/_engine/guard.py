@@ -1,8 +1,8 @@
 """The guard of a contact mode over a step, and the time at which it leaves its limits.
 
-A contact mode (full contact, or rocking on one side) lasts as long as a quantity, its guard, stays within
-limits. The guard breaks when it leaves these limits. This is an event: an impact, overturning or an uplift. A
-turning point is a maximum or minimum of the guard.
+A contact mode (full contact, or rocking to one side) lasts as long as a quantity, its guard, stays within
+limits. The guard breaks when it leaves these limits. Then an event occurs: an impact, overturning or an
+uplift. A turning point is a maximum or minimum of the guard in time.
 """
 
 from __future__ import annotations
@@ -52,11 +52,12 @@ class Guard(NamedTuple):
     end_value: Value  # value at the end of the step
     breaks_before_turn: Flag  # the guard is outside its limits at the turning point
     breaks_after_turn: Flag  # the guard is outside its limits at the end, but not at the turning point
-    break_point: Value  # z at which the guard breaks, valid if it breaks in the step
+    break_point: Value  # z at which the guard breaks; valid if it breaks in the step
     # Signed distance of the guard to the limit that it approaches at the end, positive inside the limits, as
     # a cubic in the time past the end of the step [s].
     clearance_at_end: Quintic
-    time_past_end: Value  # root of `clearance_at_end` [s], valid if `converges` is set
+    # Time from the end of the step to the event, the root of `clearance_at_end` [s]; valid if `converges`.
+    time_past_end: Value
     converges: Flag  # Newton's method converges to this root
     turns_twice: Flag  # the guard turns more than once, and may break between the turning points
 
@@ -89,7 +90,7 @@ def evaluate_guard(
     rising = (fixed.c1 > 0) | ((fixed.c1 == 0) & (fixed.c2 > 0)) | starts_at_zero
     rising_at_end = constant(at_end.c1) > 0
     turned = rising != rising_at_end
-    # With the barrier, XLA computes these flags once for all kernels that use them.
+    # With the barrier, XLA computes these flags only once.
     rising, rising_at_end, turned = barrier((rising, rising_at_end, turned))
     turn, dips = turning_point_or_dip(fixed, turned, rising)
     turn = jnp.where(turned, turn, one)
@@ -146,8 +147,8 @@ def _paths(
     """Return the guard over the step as a quintic in z, and near the end of the step as a cubic in the time
     past the end.
 
-    In full contact the derivatives of the guard in time come from `demand_jet`. The cubic has exactly the
-    value, slope and curvature of the guard at the end of the step. Over a very short step the quintic does
+    In full contact `demand_jet` computes the derivatives of the guard in time. The cubic has exactly the
+    value, slope and curvature of the guard at the end of the step. Over a very short step the quintic has
     not, because its slopes are differences of nearly equal numbers.
     """
     c, sigma = scene.c, state.sigma
@@ -199,7 +200,7 @@ def _newton_root(clearance: Quintic, max_shift: Value, rounding: Value) -> tuple
     """Find the root of the clearance near the end of the step by Newton's method.
 
     - `clearance`: polynomial in the time past the end of the step [s]
-    - `max_shift`: largest distance of the root from the end of the step [s]
+    - `max_shift`: largest time between the root and the end of the step [s]
     - `rounding`: clearances up to this size count as zero
 
     Returns the time of the root past the end [s], and whether Newton's method has converged to a root at

@@ -2,8 +2,8 @@
 
 The polynomial in z ∈ [0, 1], the time since the start of the step divided by the length h of the step,
 matches value, slope and curvature at both ends. Its error is O(h⁶) with a small constant, below the local
-error of a fifth-order method. For locating events this suffices with methods of any order: the polynomial
-only proposes where a step ends, and steps end on events.
+error of a fifth-order method. This suffices to locate events with methods of any order: the polynomial only
+proposes where the next step ends, and that step then ends on the event.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from rockjax._types import Flags, Value, Values
 
 from .ratio import safe_ratio
 
-# Numbers of iterations of the safeguarded Newton searches. Derivatives of peaks need turning points accurate
-# to about 1e-6. Crossings may be less accurate, since they only propose the end of the next trial.
+# Numbers of iterations of the safeguarded Newton searches. Derivatives of peaks need the z of turning points
+# to about 1e-6. Crossings may be less accurate, because they only propose the end of the next trial.
 _TURN_ITERATIONS, _CROSSING_ITERATIONS = 5, 4
 
 
@@ -94,15 +94,15 @@ def third_at_end(path: Quintic, a0: Values, a1: Values, h: Value, max_step: Valu
     - `h`: length of the step [s]
     - `max_step`: longest step of the scene [s]
 
-    Over a very short step, rounding dominates the higher coefficients of the quintic. The result then follows
-    from the mean third derivative over the step.
+    Over a very short step, rounding dominates the higher coefficients of the quintic. The result is then
+    h³/3! times the mean third derivative over the step.
     """
     return jnp.where(is_long(h, max_step), path.c3 + 4 * path.c4 + 10 * path.c5, (a1 - a0) * h**2 / 6)
 
 
 def is_long(h: Value, max_step: Value) -> Flags:
-    """Return whether a step is so long that rounding does not dominate the higher coefficients of its
-    quintic."""
+    """Return whether a step is longer than 1 % of the longest step of the scene. Rounding does not dominate
+    the higher coefficients of its quintic then."""
     return h > 0.01 * max_step
 
 
@@ -134,13 +134,13 @@ def _safeguarded_newton(f: Sequence[Values], lo: Values, hi: Values, z: Values, 
 
 
 def turning_point_or_dip(polynomial: Quintic, turned: Flags, rising: Flags) -> tuple[Values, Flags]:
-    """Return the position z of the turning point, or else of the dip, of a quantity over a step, and whether
-    the quantity turns twice.
+    """Return the position z ∈ [0, 1] of the turning point, or else of the dip, of a quantity over a step, and
+    whether the quantity turns twice.
 
     If the slopes at both ends have opposite signs (`turned`), z is the turning point. Otherwise the slope has
-    the same sign at both ends (positive if `rising`), and z is the dip: the zero of the curvature at which a
-    positive slope is least, or a negative slope largest. If the slope has the other sign at the dip, the
-    quantity turns twice, once before and once after z.
+    the same sign at both ends (positive if `rising`), and z is the dip: the minimum of a slope that is
+    positive at both ends, or the maximum of a slope that is negative at both ends. If the slope has the other
+    sign at the dip, the quantity turns twice, once before and once after z.
     """
     return turning_point_of_slope(derivative(polynomial), jnp.abs(polynomial.c0), turned, rising)
 
@@ -148,17 +148,19 @@ def turning_point_or_dip(polynomial: Quintic, turned: Flags, rising: Flags) -> t
 def turning_point_of_slope(
     coefficients: Sequence[Values], size: Values, turned: Flags, rising: Flags
 ) -> tuple[Values, Flags]:
-    """Apply `turning_point_or_dip` to a quantity whose slope is given as a polynomial, up to a positive
-    factor.
+    """Do the same as `turning_point_or_dip`, but from the slope of the quantity, a polynomial that may have
+    any positive factor.
 
     - `coefficients`: coefficients of the slope, lowest power first
-    - `size`: order of magnitude of the quantity; slopes below its rounding are ignored
+    - `size`: order of magnitude of the quantity; a change of sign of the slope within the rounding of this
+      size is ignored
     - `turned`, `rising`: as for `turning_point_or_dip`
     """
     sign = barrier(jnp.where(rising, 1.0, -1.0))
     slope = [sign * c for c in coefficients]
     curvature = [-c for c in derivative(slope)]
-    # `curvature` has the opposite sign of d(slope)/dz, so that its zero is a minimum of the slope.
+    # `curvature` is −d(slope)/dz, which changes from positive to negative at a minimum of the slope.
+    # `_first_zero` finds changes of this kind.
     may_dip = ~turned & (curvature[0] > 0) & (sum(curvature[1:], curvature[0]) < 0)
     pairs = zip(slope, [*curvature, jnp.zeros_like(sign)], strict=True)
     z = _first_zero([jnp.where(turned, a, b) for a, b in pairs])
@@ -171,8 +173,8 @@ def _first_zero(f: Sequence[Values]) -> Values:
     z = 1.
 
     A motion that begins at rest, such as an uplift, has the slope zero at z = 0. After an uplift without a
-    jump of the ground acceleration, the curvature there is zero too, up to rounding. As z = 0 is no turning
-    point, the root z = 0 is divided out.
+    jump of the ground acceleration, the curvature there is also zero, up to rounding. z = 0 is then a single
+    or double root of the slope, but not a turning point. The function therefore divides the slope by z or z².
     """
     f = list(f)
     for _ in range(2):
@@ -188,7 +190,8 @@ def _parabola_root(first: Values, slope: Values, last: Values) -> Values:
     """Return the root in [0, 1] of the parabola with the value `first` > 0 and the slope `slope` at 0, and
     with the value `last` < 0 at 1.
 
-    Between two samples of the ground motion, the rate of the rotation is very nearly a parabola.
+    The root is a good first guess for θ̇ = 0 between two samples of the ground motion, where θ̇ is very
+    nearly a parabola.
     """
     bend = last - first - slope
     root = jnp.sqrt(jnp.maximum(slope * slope - 4 * first * bend, 0.0))
@@ -210,7 +213,7 @@ def turns_more_than_once(polynomial: Quintic, rising: Flags, rising_at_end: Flag
     - `rising`, `rising_at_end`: whether the quantity rises at the start and at the end
     - `dips`: second result of `turning_point_or_dip`
 
-    The sign of the slope is also checked at three points inside the step.
+    The function checks the sign of the slope at three points inside the step, and also uses `dips`.
     """
     turns = jnp.zeros((), jnp.int32)
     before = rising

@@ -4,15 +4,20 @@
 all contact modes: for σ = θ = θ̇ = 0 the angle ψ = σα − θ and the motion of the beam, u_b and u̇_b, are zero,
 and Eq. (22) becomes Eq. (4).
 
-A state consists of positions x and velocities v. The positions are (θ,) for rigid podiums, (θ, u_t) with an
-elastic superstructure. The horizontal displacement u_t of the superstructure is a scalar for one vibration
-mode and an array (u_1, …, u_n) for several. The number of vibration modes is fixed at compilation. The
-equations are the same for any number; `summed` sums over the modes.
+A state consists of positions x and velocities v. The positions are (θ, u_t) if the superstructure vibrates,
+and (θ,) otherwise. θ is the rotation of the columns [rad], and u_t the horizontal displacement of the
+superstructure relative to the ground [m]: a scalar for one vibration mode, an array (u_1, …, u_n) for
+several. The equations are the same for any number of modes, which is fixed at compilation; `summed` sums over
+the modes.
+
+A ground acceleration is the scalar ü_g (horizontal) or, if the ground also moves vertically, a `Shaking` with
+ü_g and v̈_g [m/s²].
 
 The columns lift when the uplift demand |q| exceeds the threshold q_up, Eq. (9).
 
-Restrainers (tendons, dampers, inerters) add forces that depend on an elongation and its rate. A podium
-without restrainers skips these forces. Equations (C…) are in docs/control.md, (L2) is in docs/floors.md.
+Restrainers (tendons, dampers, inerters) add forces that depend on their elongation and its derivatives in
+time. A podium without restrainers skips these forces. Equations (C…) are in docs/control.md, (L2) is in
+docs/floors.md.
 """
 
 from __future__ import annotations
@@ -29,7 +34,8 @@ from rockjax._types import Value, Values, Vector
 
 from .coefficients import Coefficients, ModalConstants, Restraint, not_none, summed, weighted
 
-# Limits of the step of `steady_step` divided by |θ̇/θ̈|, while the columns slow down and while they speed up.
+# `steady_step` limits a step to these multiples of |θ̇/θ̈|: the first while the columns slow down, the second
+# while they speed up.
 MAX_SLOWING_STEP, MAX_SPEEDING_STEP = 0.75, 3.0
 
 
@@ -39,30 +45,30 @@ def steady_step(c: Coefficients, restraint: Restraint, theta_dot: Value, theta_d
     - `c`, `restraint`: constants of the podium and of its restrainers
     - `theta_dot`, `theta_ddot`: θ̇ [rad/s] and θ̈ [rad/s²] at the start of the step
 
-    Forces whose slope is infinite at θ̇ = 0 need this limit. The step is proportional to |θ̇/θ̈|, which is
-    about the time until the columns stop, or the time since they were at rest. Steps thus become
-    geometrically shorter towards an instant with θ̇ = 0, and the method keeps its order there. Derivatives
-    with respect to parameters stay accurate, too, although the step-size control does not estimate their
-    error.
+    Some dampers need this limit, because the slope of their force is infinite at θ̇ = 0. The limit is
+    proportional to |θ̇/θ̈|, which is about the time until the columns stop, or the time after they were at
+    rest. Steps thus become geometrically shorter towards an instant with θ̇ = 0, and the method keeps its
+    order there. Derivatives with respect to parameters also stay accurate, although the step-size control
+    does not estimate their error.
     """
     speed, speed_rate = jnp.abs(theta_dot), jnp.abs(theta_ddot)
     slip_speed = restraint.slip / (2 * c.sin_alpha)  # |θ̇|/p below which the force is smoothed
     fraction = jnp.where(theta_dot * theta_ddot < 0, MAX_SLOWING_STEP, MAX_SPEEDING_STEP)
-    from_rest = 0.5 * jnp.sqrt(slip_speed / c.alpha) / c.p  # first step after an uplift, where θ̇ ~ t²
+    from_rest = 0.5 * jnp.sqrt(slip_speed / c.alpha) / c.p  # first step after an uplift, where θ̇ ∝ t²
     span = fraction * (speed + slip_speed * c.p) / jnp.where(speed_rate > 0, speed_rate, 1.0)
     span = jnp.where(speed_rate > 0, span, jnp.inf)
     return jnp.where(speed > 0, span, jnp.minimum(span, from_rest))
 
 
 class Elongation(NamedTuple):
-    """Elongation ℓ of a restrainer, and its derivative with respect to θ; both are zero in full contact."""
+    """Elongation ℓ of a restrainer from the ground to the beam, and dℓ/dθ; both are zero in full contact."""
 
     stretch: Value  # ℓ/R, (C1)
-    lever: Value  # dℓ/dθ divided by R
+    lever: Value  # (dℓ/dθ)/R
 
 
 def elongation(c: Coefficients, sigma: Value, theta: Value) -> Elongation:
-    """Return the elongation of a restrainer between the ground and the beam, (C1)."""
+    """Return the `Elongation` of a restrainer from the ground to the beam, (C1)."""
     return _elongation(c, sigma, *sincos(0.5 * theta))
 
 
@@ -72,7 +78,8 @@ def _elongation(c: Coefficients, sigma: Value, s: Value, cos: Value) -> Elongati
 
 
 def _angles(c: Coefficients, sigma: Value, theta: Value) -> tuple[Value, Value, Elongation]:
-    """Return sin ψ, cos ψ (not valid in full contact) and the elongation, all from sin(θ/2) and cos(θ/2)."""
+    """Return sin ψ, cos ψ and the elongation, all from sin(θ/2) and cos(θ/2). In full contact cos ψ is not
+    valid."""
     s, cos = barrier(sincos(0.5 * theta))
     sin_theta, cos_theta = 2 * s * cos, 1 - 2 * s * s
     sin_side = sigma * c.sin_alpha
@@ -83,8 +90,8 @@ def _angles(c: Coefficients, sigma: Value, theta: Value) -> tuple[Value, Value, 
 def _restraint(
     c: Coefficients, restraint: Restraint, extension: Elongation, theta_dot: Value
 ) -> tuple[Value, Value | float]:
-    """Return the moment that the restrainers subtract from the right side of Eq. (24), and the inertia that
-    they add, (C8)."""
+    """Return the moment that the restrainers subtract from the right side of Eq. (24) [1/s²], and the inertia
+    that they add to the factor of θ̈ [–], (C8)."""
     stretch, lever = extension
     rate = lever * theta_dot / c.p
     resisting = (
@@ -97,7 +104,8 @@ def _restraint(
 
 
 def restraint_bound(c: Coefficients, restraint: Restraint, theta: Value, theta_dot: Value) -> Value:
-    """Bound the moment of the restrainers in Eq. (24), with the forces at the largest elongation and rate.
+    """Return an upper bound on the moment of the restrainers in Eq. (24) [1/s²], from their forces at the
+    largest elongation and rate.
 
     - `c`, `restraint`: constants of the podium and of its restrainers
     - `theta`: largest |θ|, at most `restraint.well` [rad]
@@ -115,18 +123,18 @@ def restraint_bound(c: Coefficients, restraint: Restraint, theta: Value, theta_d
 
 
 def horizontal(ground: Value | Shaking) -> Value:
-    """Return ü_g of a ground motion."""
+    """Return ü_g of a ground acceleration."""
     return ground.horizontal if isinstance(ground, Shaking) else ground
 
 
 def _weight(c: Coefficients, ground: Value | Shaking) -> Value:
-    """Return the coefficient of gravity in Eq. (24); vertical motion replaces g by g + v̈_g."""
+    """Return the factor of −sin ψ in Eq. (24) [1/s²]; under vertical motion, g + v̈_g replaces g."""
     return c.gravity * (1 + ground.vertical / c.g) if isinstance(ground, Shaking) else c.gravity
 
 
 def _threshold_ratio(c: Coefficients, ground: Shaking) -> Value:
-    """Return the uplift threshold q_up(t) under vertical motion divided by its static value, (C10). The ratio
-    is positive as long as g + v̈_g is positive."""
+    """Return the uplift threshold under vertical motion, (C10), divided by `c.uplift`, its value without
+    vertical motion. The ratio is positive as long as g + v̈_g is positive."""
     return 1 + not_none(c.uplift_slope) * ground.vertical / c.uplift
 
 
@@ -142,7 +150,7 @@ def beam(c: Coefficients, sigma: Value, theta: Value, theta_dot: Value) -> tuple
 
 
 def beam_vertical_velocity(c: Coefficients, sigma: Value, theta: Value, theta_dot: Value) -> Value:
-    """Return the vertical velocity of the beam relative to the ground v̇_b [m/s], Eq. (15), upwards.
+    """Return the vertical velocity v̇_b of the beam relative to the ground, positive upwards [m/s], Eq. (15).
 
     - `c`: constants of the podium
     - `sigma`: contact mode σ ∈ {−1, 0, 1}
@@ -155,7 +163,8 @@ class BeamMotion(NamedTuple):
     """Motion of the beam relative to the ground, Eqs. (13) to (15).
 
     - `sway`, `velocity`: horizontal displacement u_b [m] and velocity u̇_b [m/s]
-    - `acceleration`, `rise`: horizontal acceleration ü_b and vertical acceleration v̈_b, upwards [m/s²]
+    - `acceleration`, `rise`: horizontal acceleration ü_b, and vertical acceleration v̈_b, positive upwards
+      [m/s²]
     - `sin_psi`, `cos_psi`: sin ψ and cos ψ, ψ = σα − θ
     """
 
@@ -190,7 +199,7 @@ def beam_motion(
 def beam_acceleration(
     c: Coefficients, sigma: Value, theta: Value, theta_dot: Value, theta_ddot: Value
 ) -> Value:
-    """Return the horizontal acceleration of the beam relative to the ground ü_b [m/s²], Eq. (14); arguments
+    """Return the horizontal acceleration ü_b of the beam relative to the ground [m/s²], Eq. (14); arguments
     as for `beam_motion`."""
     return beam_motion(c, sigma, theta, theta_dot, theta_ddot).acceleration
 
@@ -198,19 +207,19 @@ def beam_acceleration(
 def beam_vertical_acceleration(
     c: Coefficients, sigma: Value, theta: Value, theta_dot: Value, theta_ddot: Value
 ) -> Value:
-    """Return the vertical acceleration of the beam relative to the ground v̈_b [m/s²], Eq. (15), upwards;
-    arguments as for `beam_motion`."""
+    """Return the vertical acceleration v̈_b of the beam relative to the ground, positive upwards [m/s²], Eq.
+    (15); arguments as for `beam_motion`."""
     return beam_motion(c, sigma, theta, theta_dot, theta_ddot).rise
 
 
 def beam_absolute_acceleration(
     c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: Vector, a: Vector
 ) -> Value:
-    """Return the absolute horizontal acceleration of the beam a_b = ü_g + ü_b [m/s²].
+    """Return the absolute horizontal acceleration a_b = ü_g + ü_b of the beam [m/s²].
 
     - `c`: constants of the podium
     - `sigma`: contact mode σ ∈ {−1, 0, 1}
-    - `ground`: ü_g, or ü_g and v̈_g [m/s²]
+    - `ground`: ground acceleration [m/s²]
     - `x`, `v`, `a`: positions, velocities and accelerations
     """
     return beam_acceleration(c, sigma, x[0], v[0], a[0]) + horizontal(ground)
@@ -221,11 +230,11 @@ def acceleration(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vect
 
     - `c`: constants of the podium
     - `sigma`: contact mode σ ∈ {−1, 0, 1}
-    - `ground`: ground acceleration ü_g, or ü_g and v̈_g [m/s²]
+    - `ground`: ground acceleration [m/s²]
     - `x`, `v`: positions (θ [rad], u_t [m]) and velocities
 
-    Restrainers add their terms of (C8) to Eq. (24). Under vertical ground motion g + v̈_g replaces g in the
-    gravity term. In full contact (σ = 0) θ̈ = 0 and Eq. (22) is Eq. (4).
+    Restrainers add their terms of (C8) to Eq. (24). Under vertical ground motion, g + v̈_g replaces g in the
+    term of gravity. In full contact (σ = 0), θ̈ is 0 and Eq. (22) becomes Eq. (4).
     """
     resisting, added, gravity, ground = 0.0, 0.0, _weight(c, ground), horizontal(ground)
     if c.restraint is not None:
@@ -240,7 +249,7 @@ def acceleration(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vect
         return (moment / plus(c.inertia, added),)
     s, cos = barrier((s, cos))
     u_b, u_b_dot = c.two_R * (sigma * c.sin_alpha - s), c.two_R * v[0] * cos
-    springs = modes.omega2 * (x[1] - u_b) + modes.damping * (v[1] - u_b_dot)  # V_i/m_i, Eq. (7)
+    springs = modes.omega2 * (x[1] - u_b) + modes.damping * (v[1] - u_b_dot)  # F_i = V_i/m_i, Eq. (7)
     springs = barrier(springs)
     pull = weighted(modes.coupling, springs)
     moment = s * (c.centrifugal * v[0] ** 2 * cos - gravity) + cos * (pull - c.ground * ground)
@@ -249,19 +258,20 @@ def acceleration(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vect
 
 
 def plus(value: Any, addend: Value | float) -> Any:
-    """Return value + addend. An addend that is a Python float is always 0.0, and is left out."""
+    """Return value + addend, or the value alone if the addend is a Python float, which is always 0.0."""
     return value if isinstance(addend, float) else value + addend
 
 
 def uplift_demand(c: Coefficients, ground: Value | Shaking, x: Vector, v: Vector) -> Value:
-    """Return the uplift demand q of Eq. (9) in full contact [m/s²].
+    """Return the uplift demand q in full contact, Eq. (9) [m/s²].
 
     - `c`: constants of the podium
-    - `ground`: ü_g, or ü_g and v̈_g [m/s²]
+    - `ground`: ground acceleration [m/s²]
     - `x`, `v`: positions and velocities
 
-    The columns lift to the side −sign q if |q| exceeds `c.uplift`. Under vertical motion q is divided by the
-    ratio of q_up(t) to its static value, so that the threshold is constant.
+    The columns lift to the side −sign q if |q| exceeds `c.uplift`. Under vertical motion, the threshold
+    varies with time. The result is then q divided by the ratio of this threshold to `c.uplift`, its value
+    without vertical motion, and can still be compared with `c.uplift`.
     """
     q = horizontal_demand(c, ground, x, v)
     return q / _threshold_ratio(c, ground) if isinstance(ground, Shaking) else q
@@ -271,7 +281,7 @@ def horizontal_demand(c: Coefficients, ground: Value | Shaking, x: Vector, v: Ve
     """Return q of Eq. (9), without the effect of vertical motion [m/s²].
 
     - `c`: constants of the podium
-    - `ground`: ü_g, or ü_g and v̈_g [m/s²]
+    - `ground`: ground acceleration [m/s²]
     - `x`, `v`: positions and velocities
     """
     ground, modes = horizontal(ground), c.vibration
@@ -285,7 +295,7 @@ def demand_jet(c: Coefficients, grounds, states) -> tuple[Value, Value, Value]:
 
     - `c`: constants of the podium
     - `grounds`: ground acceleration and its first two derivatives in time
-    - `states`: (x, v) and its first two derivatives in time
+    - `states`: the pair (x, v) of positions and velocities, and its first two derivatives in time
 
     Eq. (9) is linear, so it also holds for derivatives. Under vertical motion the quotient rule is applied.
     """
@@ -300,10 +310,10 @@ def demand_jet(c: Coefficients, grounds, states) -> tuple[Value, Value, Value]:
 
 
 def impact(c: Coefficients, theta_dot: Value) -> Value:
-    """Return θ̇ after an impact [rad/s], Eq. (27).
+    """Return θ̇ after an impact [rad/s], the restitution factor e times θ̇ before the impact, Eq. (27).
 
-    The sense of rotation stays, and the displacement u_t and velocity u̇_t of the superstructure are
-    continuous, Eq. (26). If e ≤ 0 the result is 0, and rocking ends.
+    θ̇ keeps its sign, and the displacement u_t and velocity u̇_t of the superstructure are continuous, Eq.
+    (26). If e ≤ 0 the result is 0, and rocking ends.
     """
     return jnp.maximum(c.restitution, 0.0) * theta_dot
 
@@ -313,11 +323,12 @@ def shear(c: Coefficients, sigma: Value, ground: Value | Shaking, x: Vector, v: 
 
     - `c`: constants of the podium
     - `sigma`: contact mode σ ∈ {−1, 0, 1}
-    - `ground`: ü_g, or ü_g and v̈_g [m/s²]
+    - `ground`: ground acceleration [m/s²]
     - `x`, `v`, `a`: positions, velocities and accelerations
 
     The result is the absolute horizontal acceleration of the superstructure divided by −g. With several
-    vibration modes, the acceleration is a mean weighted by the modal masses and the residual mass.
+    vibration modes, this is the mean acceleration of the modal masses and the residual mass (the mass that
+    belongs to no mode and moves with the beam).
     """
     ground = horizontal(ground)
     if c.vibration is None:
@@ -338,9 +349,9 @@ def _floor_acceleration(
     v: Vector,
     a: Vector,
 ) -> Value:
-    """Return the absolute acceleration of a floor with the weights w_i of the retained modes, (L2):
-    Σ w_i(ü_i + ü_g) + (1 − Σ w_i) a_b, with the absolute acceleration a_b of the beam. Without a residual
-    mass, the second term is zero and is left out."""
+    """Return the absolute horizontal acceleration of a floor with the weights w_i of the modes i, (L2)
+    [m/s²]: Σ w_i(ü_i + ü_g) + (1 − Σ w_i) a_b, with the absolute acceleration a_b of the beam. Without a
+    residual mass, the second term is zero and is left out."""
     of_modes = weighted(weights, a[1] + ground)
     if modal.residual is None:
         return of_modes
@@ -354,11 +365,10 @@ def floor_accelerations(
 
     - `c`: constants of the podium
     - `sigma`: contact mode σ ∈ {−1, 0, 1}
-    - `ground`: ü_g, or ü_g and v̈_g [m/s²]
+    - `ground`: ground acceleration [m/s²]
     - `x`, `v`, `a`: positions, velocities and accelerations
 
-    The acceleration of floor j is −Σ Γ_iφ_ji F_i + (1 − ΣΓ_iφ_ji) a_b, summed over the retained modes i, with
-    the absolute acceleration a_b of the beam and F_i = −(ü_i + ü_g).
+    In (L2), the weight of mode i in floor j is Γ_iφ_ji, the participation factor times the mode shape.
     """
     modal, ground = not_none(c.modal), horizontal(ground)
     of_floor = lambda weights: _floor_acceleration(c, modal, weights, sigma, ground, x, v, a)

@@ -5,10 +5,11 @@ For x' = v, v' = a(t, x, v), a step needs only the accelerations k_j of its stag
     x_i = x + c_i h v + h² Σ_j (AA)_ij k_j
     v_i = v + h Σ_j A_ij k_j
 
-Here h is the length of the step, c_i are the times of the stages as fractions of h, A contains the weights of
-the method, and AA is the matrix product A·A. This is algebraically the same as the method for first-order
-systems. In the tableau of a Nyström method, AA contains independent weights, and A is zero. If the
-acceleration does not depend on the velocity, the compiler removes the velocities of the stages.
+Here x and v are the state at the start of the step, x_i and v_i the state at stage i, h is the length of the
+step, c_i are the times of the stages as fractions of h, A contains the weights of the method, and AA is the
+matrix product A·A. The formulas are algebraically the same as the method for the first-order system. In the
+tableau of a Nyström method, AA contains independent weights, and A is zero. If the acceleration does not
+depend on the velocity, the compiler removes the velocities of the stages.
 """
 
 from __future__ import annotations
@@ -38,11 +39,11 @@ class Step(NamedTuple):
 
 
 def _weighted_sum(weights: np.ndarray, k: list[Vector], component: int) -> Values | float:
-    """Return the element `component` of Σ_j w_j k_j, where k contains the accelerations of the stages that
-    have been computed. Further weights are ignored."""
+    """Return the element `component` of Σ_j w_j k_j, with the weights w_j and the accelerations k_j of the
+    stages computed so far. Weights of later stages are ignored."""
     total = 0.0
     for weight, stage in zip(weights, k, strict=False):
-        # Entries of the matrix product AA that should be zero contain rounding errors.
+        # Elements of the matrix product AA that should be zero contain rounding errors.
         if abs(weight) > 1e-14:
             total = total + float(weight) * stage[component]
     return total
@@ -64,13 +65,13 @@ def step(
     def stage_state(c, weights_x, weights_v):
         xi = tuple(x[d] + (float(c) * h) * v[d] + h2 * _weighted_sum(weights_x, k, d) for d in components)
         vi = tuple(v[d] + h * _weighted_sum(weights_v, k, d) for d in components)
-        # With the barrier, XLA computes each component once for the accelerations of all components.
+        # With the barrier, XLA computes the state once, and not again for each component of the acceleration.
         return barrier((xi, vi)) if len(x) > 1 else (xi, vi)
 
     k = [a]
     for i in range(1, len(tab.c)):
         xi, vi = stage_state(tab.c[i], tab.AA[i], tab.A[i])
-        # With the barrier, XLA computes this stage once for all later stages.
+        # With the barrier, XLA computes this stage once, and not again for each later stage.
         k.append(barrier(acceleration(t + float(tab.c[i]) * h, xi, vi)))
     x1, v1 = stage_state(1.0, tab.bA, tab.b)
     a1 = k[-1] if tab.fsal else acceleration(t + h, x1, v1)

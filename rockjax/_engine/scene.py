@@ -2,7 +2,8 @@
 
 A scene is one podium under one excitation. The plan holds the settings that are fixed at compilation. If
 errors are estimated, every scene is solved twice. In the second solution `Options._stride` is below 1, and
-this module chooses other settings, such as other step lengths.
+this module chooses other settings, such as other step lengths, so that the errors of the two solutions
+differ.
 """
 
 from __future__ import annotations
@@ -59,13 +60,13 @@ def plan_for(
     others = [output for name, output in requested.items() if name != "peak_rotation"]
     outputs = (rotation, *others, *extra_outputs)
     # A history stores every step, so neither bounces nor samples are skipped. The steps that skip samples
-    # have order 8. They are used only if the method of the options has at least order 7.
+    # have order 8, so they are used only if the requested method has at least order 7.
     eligible = [] if elastic else ["rest"] if history else ["rest", "bounces", *["samples"] * (tab.order > 6)]
-    # Joint forces in skipped parts are computed only without restrainers and without vertical ground motion.
+    # With restrainers or vertical ground motion, joint forces in skipped parts cannot be computed.
     if (vertical or podium.restrainers) and any(output.needs_simple_contact for output in outputs):
         eligible = []
     names = allowed(outputs, eligible)
-    # Samples and bounces may be skipped only together with full contact, as `follows_contact` assumes.
+    # `follows_contact` assumes that a plan which skips samples or bounces also skips full contact.
     return Plan(
         elastic=elastic,
         outputs=outputs,
@@ -76,26 +77,26 @@ def plan_for(
     )
 
 
-# In the second solution rocking stops about IMPACTS_LATER impacts later, because the rest velocity (see
-# `_rest_speed`) is multiplied by e^IMPACTS_LATER, clipped to [MIN_REST_FACTOR, MAX_REST_FACTOR]; e is the
-# restitution factor. If nothing vibrates and an impact takes little speed, 1 − e < LITTLE_LOSS · rtol, the
-# factor is MIN_REST_FACTOR.
+# In the second solution rocking stops some impacts later. The rest velocity (see `_rest_speed`) is multiplied
+# by e^IMPACTS_LATER, clipped to [MIN_REST_FACTOR, MAX_REST_FACTOR], where e is the restitution factor. If
+# nothing vibrates and impacts take little speed, 1 − e < LITTLE_LOSS · rtol, the factor is MIN_REST_FACTOR.
 IMPACTS_LATER, MAX_REST_FACTOR, MIN_REST_FACTOR, LITTLE_LOSS = 3, 0.5, 1e-4, 100.0
-# A step ends on an event if the time from the end of the step to the event, divided by the length of the
-# step, is at most LANDING · √rtol and at most MAX_LANDING. A Taylor expansion at the end of the step then
-# carries the state to the event.
+# A step counts as ending on an event if the time between its end and the event, divided by its length, is at
+# most LANDING · √rtol and at most MAX_LANDING. A Taylor expansion at the end of the step then carries the
+# state to the event.
 LANDING, MAX_LANDING = 10.0, 0.02
-# If a breakpoint of the ground motion (a jump or kink) is less than two steps away, the first solution takes
-# one step or two equal steps to it. In the second solution, the first of two steps covers a third of the
-# distance, so that the errors differ. The second solution divides the distance even if one step would
-# suffice, unless the proposed step is longer than UNSPLIT_SECOND times the distance.
+# If a breakpoint of the ground motion (a jump or kink) is less than two proposed steps away, the first
+# solution takes one step or two equal steps to it. In the second solution, the first step covers a third of
+# the distance, so that the errors differ. The second solution does so even if the proposed step is longer
+# than the distance, but not if it is more than UNSPLIT_SECOND times as long.
 SPLIT, SPLIT_SECOND, UNSPLIT_SECOND = 0.5, 1 / 3, 2.0
 LANDING_SECOND = 0.1  # factor on the landing fraction in the second solution, so that landing errors differ
 
 
 def default_end(podium: Podium, excitation: AbstractExcitation) -> Value:
-    """Return the default end of a scene [s]: max(30/p, 10 T_s) after the end of the excitation, where T_s is
-    the longest period of the superstructure; 30/p if nothing vibrates."""
+    """Return the default end of a scene [s]: max(30/p, 10 T_s) after the end of the excitation, or 30/p after
+    it if nothing vibrates. p is the frequency parameter of the podium [rad/s], T_s the longest period of the
+    superstructure [s]."""
     after = 30 / podium.p
     modes = None if podium.superstructure is None else podium.superstructure.oscillators
     if modes is not None:
@@ -112,17 +113,18 @@ def _by_solution(options: Options, second: Value | float, first: Value | float) 
 def _estimate_factor(plan: Plan, options: Options) -> Value | None:
     """Return the factor that corrects error estimates of unusually low order; None if the order is usual.
 
-    For a method of order k, the usual order of the error estimate is k − 1. An estimate of order k − 1 − n is
-    too large by a factor of about rtol^(−n/k) at the longest steps that the tolerance allows. The result is
-    rtol^(n/k).
+    For a method of order k, the usual order of the error estimate is k − 1. At the longest steps that the
+    tolerance allows, an estimate of order k − 1 − n is larger than the usual one by a factor of about
+    rtol^(−n/k). The result is rtol^(n/k).
     """
     missing_order = plan.tableau.order - 1 - plan.tableau.estimate
     return jnp.asarray(options.rtol) ** (missing_order / plan.tableau.order) if missing_order else None
 
 
 def _max_step(c: Coefficients) -> Value:
-    """Return the longest step [s] that resolves rocking, also with tendons, and the vibration of the
-    superstructure on lifted columns."""
+    """Return the longest step [s]: 1/p, but at most 3/ω. Here p is the frequency parameter, and ω the highest
+    frequency of the superstructure on lifted columns [rad/s] or, if nothing vibrates, the frequency of
+    rocking due to tendons."""
     max_step = 1 / c.p
     fastest = None if c.restraint is None else c.restraint.restrained_frequency
     if c.vibration is not None:
@@ -131,7 +133,8 @@ def _max_step(c: Coefficients) -> Value:
 
 
 def _max_excited_step(excitation: AbstractExcitation, max_step: Value, options: Options) -> Value:
-    """Return the longest step that resolves the ground motion while it lasts [s]."""
+    """Return the longest step during the ground motion [s]: a sixteenth of its duration, but at most
+    `max_step`. If a motion has two components, the shorter duration counts."""
     start, excitation_end = excitation.support
     duration = excitation.shorter if isinstance(excitation, GroundMotion) else excitation_end - start
     max_excited_step = jnp.where(
@@ -140,8 +143,8 @@ def _max_excited_step(excitation: AbstractExcitation, max_step: Value, options: 
     is_pair = isinstance(excitation, GroundMotion)
     components = (excitation.horizontal, excitation.vertical) if is_pair else (excitation,)
     intervals = [component.sampling.dt for component in components if isinstance(component, AbstractSampled)]
-    # If all components are sampled, steps end on every sample, so they last at most one interval. In the
-    # second solution they are shorter, so that its errors differ.
+    # If all components are sampled, steps end on every sample, so they last at most one interval. The second
+    # solution has shorter steps, so that its errors differ.
     if len(intervals) == len(components):
         shortest = functools.reduce(jnp.minimum, intervals)
         max_excited_step = _by_solution(
@@ -151,8 +154,9 @@ def _max_excited_step(excitation: AbstractExcitation, max_step: Value, options: 
 
 
 def _lookahead(excitation: AbstractExcitation, c: Coefficients, plan: Plan) -> AbstractLookahead:
-    """Return the lookahead, with a threshold only if the podium goes directly to its next uplift. If
-    joint forces are requested, the lookahead also finds the largest and the smallest ü_g in an interval."""
+    """Return the lookahead, which bounds the remaining ground motion. If the podium goes directly from full
+    contact to its next uplift, the lookahead also finds the time of this uplift, and, if joint forces are
+    requested, the largest and the smallest ü_g in an interval."""
     threshold = None if plan.follows_contact else c.uplift
     if isinstance(excitation, GroundMotion):
         return excitation.lookahead(threshold, not_none(c.uplift_slope))
@@ -161,28 +165,30 @@ def _lookahead(excitation: AbstractExcitation, c: Coefficients, plan: Plan) -> A
 
 
 def _landing_fraction(options: Options) -> Value:
-    """Return the largest time between the end of a step and an event on which it counts as ending, divided by
-    the length of the step."""
+    """Return the largest time between an event and the end of a step that counts as ending on this event,
+    divided by the length of the step."""
     fraction = jnp.minimum(LANDING * jnp.sqrt(options.rtol), MAX_LANDING)
     return fraction * _by_solution(options, LANDING_SECOND, 1.0)
 
 
 def _rest_speed(c: Coefficients, options: Options) -> Value:
-    """Return the rest velocity: columns come to rest at an impact if |θ̇⁺| is at most this speed [rad/s].
+    """Return the rest velocity [rad/s]: columns come to rest at an impact if |θ̇| after the impact is at most
+    this speed.
 
-    In the second solution rocking stops some impacts later, so that the difference of the solutions shows
-    the error due to the rest velocity.
+    In the second solution the rest velocity is lower, and rocking stops some impacts later, so that the
+    difference of the solutions shows the error due to the rest velocity.
     """
     relative = options.rtol if options.rest_velocity is None else options.rest_velocity
     e = jnp.clip(c.restitution, 0.0, 1.0)
     factor = jnp.clip(e**IMPACTS_LATER, MIN_REST_FACTOR, MAX_REST_FACTOR)
-    if c.vibration is None:  # otherwise the superstructure also takes energy from the rocking columns
+    if c.vibration is None:  # a vibrating superstructure also takes energy from the columns
         factor = jnp.where(1 - e < LITTLE_LOSS * options.rtol, MIN_REST_FACTOR, factor)
     return relative * c.p * c.alpha * _by_solution(options, factor, 1.0)
 
 
 def _start(modes: Vibration | None, initial: State) -> tuple[Vector, Vector]:
-    """Return positions and velocities at the start. A scalar u_t or u̇_t applies to all modes."""
+    """Return positions and velocities at the start. A scalar displacement u_t or velocity u̇_t of the
+    superstructure applies to all modes."""
     if modes is None:
         return (initial.theta,), (initial.theta_dot,)
 
@@ -212,7 +218,8 @@ def prepare(
     - `podium`, `excitation`: structure and ground motion, with scalar parameters
     - `initial`: initial state
     - `t_end`: end of the scene [s]; None for the default, `default_end`
-    - `options`, `plan`: options of the solver, and the result of `plan_for`
+    - `options`: options of the solver
+    - `plan`: result of `plan_for`
     """
     scene = _scene(podium, excitation, t_end, options, plan)
     return scene, _first_state(scene, initial, plan)

@@ -1,19 +1,19 @@
 """The segments engine: one `diffrax.diffeqsolve` per segment, ended by a `diffrax.Event`.
 
 A segment is the motion from one event or breakpoint to the next; the impact map and the other transitions
-apply between segments. This engine accepts any Diffrax solver and serves as a check of the flat engine. Both
-engines share the equations, the transitions, the certificate (the proof that no output can change any more)
-and the search for the next uplift of a rigid podium. Diffrax's events alone are not accurate enough. This
-engine therefore makes four corrections:
+apply between segments. This engine accepts any Diffrax solver and serves as a check of the flat engine
+(`flat.py`). Both engines share the equations, the transitions, the certificate (the proof that no output can
+change any more) and the search for the next uplift of a rigid podium (with a rigid superstructure or none).
+Diffrax's events alone are not accurate enough. This engine therefore adds four measures:
 
-- The time of the event according to the interpolant is a first guess. The segment is solved again up to this
-  time, and Newton's method finds the event from there.
+- The time of the event that Diffrax finds from its interpolant is a first guess. The segment is solved again
+  up to this time, and Newton's method finds the event from there.
 - The interpolant is sampled densely. If Diffrax has missed an event because the guard (see `guard.py`) leaves
   its limits and returns within a step, the segment is solved again up to the first sample outside the limits.
-- After an impact or an uplift the guard is exactly zero. The first step is then shorter than the hop (the
-  motion up to the next impact), so that the step cannot miss this impact.
-- The interpolant is used to locate peaks, not to compute them: the segment is solved again up to the time of
-  the peak.
+- After an impact the guard is exactly zero. The first step is then at most a quarter of the hop (the motion
+  up to the next impact), so that it cannot miss this impact.
+- The interpolant only locates peaks. To compute a peak, the segment is solved again up to the time of the
+  peak.
 """
 
 from __future__ import annotations
@@ -81,7 +81,8 @@ def run_segments(
 
 
 def _row(state: LoopState) -> tuple[Any, Rows, Rows]:
-    """Return time, positions and velocities of a state, with a first axis of length 1, for `_append`."""
+    """Return time, positions and velocities of a state as arguments of `_append`, with a first axis of length
+    1."""
     return jax.tree.map(lambda y: y[None], (state.t, state.x, state.v))
 
 
@@ -107,8 +108,8 @@ def _append(nodes: Nodes, state: LoopState, ts, xs: Rows, vs: Rows, impact_time:
 
 
 class _ContactMode(NamedTuple):
-    """Equations of one contact mode on one piece of the ground motion. Diffrax integrates states that are
-    divided by `natural_units` (`scaled`)."""
+    """Equations of one contact mode on one piece of the ground motion. Diffrax integrates scaled states:
+    states divided by `natural_units`."""
 
     scene: Scene
     sigma: Value  # contact mode
@@ -134,8 +135,8 @@ class _ContactMode(NamedTuple):
         return self.scaled((v, self.accelerations(t, x, v)))
 
     def guard(self, t, x, v):
-        """Return the distance of the guard to the nearest limit, positive as long as the contact mode
-        lasts."""
+        """Return the distance of the guard to its nearest limit, positive as long as the contact mode lasts:
+        [rad] while rocking, [m/s²] in full contact."""
         angle = self.sigma * x[0]
         lift = self.scene.c.uplift - jnp.abs(uplift_demand(self.scene.c, self.ground_at(t), x, v))
         return jnp.where(self.rocking, jnp.minimum(angle, self.scene.overturn_angle - angle), lift)
@@ -178,7 +179,7 @@ def _solver(mode: _ContactMode, options: Options, state: LoopState, stop: Value)
 
 
 class _Path(NamedTuple):
-    """A segment, solved until the guard leaves its limits or the time `stop` is reached."""
+    """A segment, solved until the guard leaves its limits or the time is `stop`."""
 
     mode: _ContactMode
     solve: Callable[..., Any]  # as returned by `_solver`
@@ -211,7 +212,7 @@ class _Path(NamedTuple):
         """Return time and state at the end of the segment.
 
         The segment is solved again up to the reported time of the event. Two Newton steps then find the
-        event.
+        event. Without an event, the result is the state at the time `reached`.
         """
         mode, fired, t0 = self.mode, self.fired, self.start
         x, v = self.solve_to(self.reached)
@@ -370,10 +371,10 @@ def _advanced(path: _Path, plan: Plan, state: LoopState, end: _Arrival) -> LoopS
 
 
 def _segment(scene: Scene, plan: Plan, options: Options, state: LoopState, nodes: Nodes | None):
-    """Advance by one segment, and append its steps to the nodes.
+    """Advance by one segment, and append its steps to the nodes. Return the state and the nodes.
 
-    If Diffrax has missed an event (`_Path.missed`), the motion does not advance, and `trial_limit` becomes
-    the time up to which the segment is solved next.
+    If Diffrax has missed an event (`_Path.missed`), the motion does not advance. The segment is then solved
+    again, up to the time that is returned as `trial_limit`.
     """
     ground_at = scene.excitation.piece(state.piece)
     path = _path(_ContactMode(scene, state.sigma, ground_at, natural_units(scene.c)), options, state)

@@ -2,8 +2,8 @@
 
 The derivatives with respect to scalar parameters are computed in forward mode, together with the value. Both
 `jax.jacfwd` and `jax.grad` use these derivatives, so they cost the same. For derivatives with respect to
-arrays (the samples of a record), JAX differentiates the loop itself, in a form that bounds the memory of
-reverse mode.
+arrays (the samples of a record), JAX differentiates the loop itself; in reverse mode, this loop recomputes
+steps from checkpoints, so that its memory is bounded.
 """
 
 from __future__ import annotations
@@ -51,10 +51,13 @@ def solve(
     - `options`: options of the solver
     - `capacity`: number of nodes to store; None stores none
 
-    Returns ((floats, float fields of the nodes), (integers and flags, integer fields of the nodes)). The
-    nodes are the stored steps (`flat.Nodes`); without a `capacity` their fields are None. Outside `jax.jit`,
-    where all values are known, a stored program is used; with `engine="flat"` also inside `jax.grad` and
-    `jax.jvp`.
+    Returns ((floats, float fields of the nodes), (integers and flags, integer fields of the nodes)). Floats,
+    integers and flags are dicts of outputs by name. The nodes are the stored steps (`flat.Nodes`), or None
+    without a `capacity`.
+
+    Outside `jax.jit`, where all values are known, the function calls a stored program. With `engine="flat"`
+    it also does so inside `jax.grad` and `jax.jvp`, for derivatives with respect to scalar parameters of the
+    podium and the excitation.
     """
     podium = podium.split_rows().without_idle_restrainers()
     podium = podium if options.of_joints else podium.without_elevation()
@@ -76,11 +79,11 @@ def solve_with_slopes(
 
     - arguments: as for `solve`
 
-    The derivatives are with respect to the scalar leaves of (podium.split_rows(), excitation.common_form());
-    unless joint forces are requested, the podium is without its elevation.
+    The parameters are the scalar leaves of (podium.split_rows(), excitation.common_form()). Unless joint
+    forces are requested, the elevation of the podium is left out, because it does not affect the motion.
 
-    Returns the floats; their derivatives, with the scalar leaves along the first axis; and the indices of
-    these leaves.
+    Returns the floats by name, their derivatives with the parameters along the first axis, and the indices of
+    the parameters among the leaves.
     """
     arguments, indices = _slopes_arguments(podium, excitation, initial, t_end, options)
     ((floats, _), _), (slopes, _) = SLOPES(*arguments, leaf_indices=indices, capacity=None)
@@ -116,7 +119,7 @@ def _answers(
     capacity: int | None,
     reversible: bool,
 ):
-    """Do the work of `solve`, with the same arguments and results. With `reversible`, reverse mode can
+    """Compute the results of `solve`, with the same arguments. With `reversible`, reverse mode can
     differentiate the loop."""
     plan = plan_for(podium, options, capacity is not None, vertical=isinstance(excitation, GroundMotion))
     scene, state = prepare(podium, excitation, initial, t_end, options, plan)
@@ -169,8 +172,8 @@ def answers(
 
 
 def _with_nodes(answer, nodes: Nodes | None):
-    """Return ((floats, float fields of the nodes), (integers, integer fields of the nodes)), because only
-    floats have tangents. Without nodes their fields are None."""
+    """Return ((floats, float fields of the nodes), (integers, integer fields of the nodes)), with None in
+    place of missing nodes. The two parts are separate because only floats have tangents."""
     floats, integers = answer
     if nodes is None:
         return (floats, None), (integers, None)

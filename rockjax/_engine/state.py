@@ -2,7 +2,8 @@
 and the result of a trial.
 
 A breakpoint is a time at which the ground motion has a jump or a kink, and a piece is the ground motion
-between two breakpoints. An accumulator holds the value of an output up to the present time.
+between two breakpoints. A trial is a step that may still be rejected or shortened. An event is an uplift, an
+impact or overturning. An accumulator holds the value that an output has so far, such as the largest rotation.
 
 The time of an event or breakpoint depends on the parameters. The loop works with the value of this time, held
 constant under differentiation and called the stamp. A separate variable, `LoopState.event_time`, carries the
@@ -29,10 +30,13 @@ class Plan:
     - `elastic`: True if the superstructure vibrates
     - `outputs`: the outputs that are computed, the rotation first; each is an `AbstractOutput` of
       `rockjax._outputs`
-    - `unrequested`: registered outputs that are not requested; their answers are NaN, a default, or missing
+    - `unrequested`: registered outputs that are not requested, or that the podium does not have; their
+      answers are NaN, a default, or missing
     - `tableau`: tableau of the Runge–Kutta method
-    - `to_the_end`: True for a history, which goes on even when all outputs are final
-    - `fast_forwards`: names of the fast-forwards that may be used (see `fast_forward/`)
+    - `to_the_end`: True if the scene goes on even when no output can change any more, as in a history (a
+      scene whose steps are stored)
+    - `fast_forwards`: names of the fast-forwards that may be used: parts of a scene that are skipped without
+      trial steps (see `fast_forward/`)
     """
 
     elastic: bool
@@ -44,14 +48,15 @@ class Plan:
 
     @property
     def ends_on_maxima(self) -> bool:
-        """True if steps end on peaks of the rotation and of deformations. This is the case if the order of
-        the method exceeds 5, the degree of the polynomial that describes a step."""
+        """True if steps end on peaks of the rotation and of deformations. They do so if the order of the
+        method exceeds 5, because the quintic polynomial through both ends of a step is then less accurate
+        than the step."""
         return self.tableau.order > 5
 
     @property
     def follows_contact(self) -> bool:
-        """True if full contact is integrated step by step. Otherwise the podium goes directly to its next
-        uplift."""
+        """True if full contact is integrated step by step. Otherwise a podium in full contact goes directly
+        to its next uplift."""
         return "rest" not in self.fast_forwards
 
     @property
@@ -74,18 +79,21 @@ class Scene(NamedTuple):
     start: Value  # start of the scene [s]
     end: Value  # end of the scene [s]
     overturn_angle: Value  # overturn_ratio·α [rad]
-    rest_speed: Value  # rest velocity: columns come to rest at an impact if |θ̇⁺| is at most this [rad/s]
+    rest_speed: Value  # columns come to rest at an impact if |θ̇| after the impact is at most this [rad/s]
     log_restitution: Value  # −ln e, with the restitution factor e
-    min_impact_speed: Value  # impact speed that restitution reduces to the rest velocity [rad/s]
-    # Factor < 1 on error estimates whose order is lower than usual; None if the order is usual.
+    min_impact_speed: Value  # |θ̇| before an impact that reduces |θ̇| to `rest_speed` [rad/s]
+    # Factor < 1 by which error estimates of unusually low order are multiplied (see `_estimate_factor` in
+    # scene.py); None if the order is usual.
     estimate_factor: Value | None
-    skip_below: Value  # a sample of the ground motion needs a trial step if error/tolerance exceeds this
-    # A step can end on an event that is at most this fraction of its length before or after its end.
+    skip_below: Value  # a sample is skipped only if the error of its step is at most this many tolerances
+    # A step counts as ending on an event if the time between the event and the end of the step is at most
+    # this fraction of the step.
     landing_fraction: Value
     split_fraction: Value  # length of the first of two steps to a breakpoint, divided by the distance to it
-    unsplit_limit: Value  # a proposed step above this multiple of the distance to a breakpoint is not split
+    # A proposed step longer than this multiple of the distance to a breakpoint covers this distance unsplit.
+    unsplit_limit: Value
     rtol: Value  # relative tolerance
-    atol: Value  # absolute tolerance, as a multiple of `attempt.natural_units`, such as α for θ [–]
+    atol: Value  # absolute tolerance in the units of `attempt.natural_units`, such as α for θ [–]
     max_step: Value  # longest step after the excitation [s]
     max_excited_step: Value  # longest step during the excitation [s]
     excitation_end: Value  # end of the excitation [s]
@@ -96,25 +104,26 @@ class LoopState(NamedTuple):
     constant under differentiation; `DIFFERENTIATED` and `_REPORTED` list the fields that have tangents."""
 
     t: Value  # stamp of the present time [s]
-    event_time: Value  # equal to t, but differentiated as the time of an event or breakpoint [s]
-    x: Vector  # positions
-    v: Vector  # velocities
-    sigma: Value  # contact mode: 0 full contact, ±1 rocking
+    event_time: Value  # t with the derivatives of the event or breakpoint at t, if there is one [s]
+    x: Vector  # positions: θ [rad] and, if the superstructure vibrates, u_t [m] (see model.py)
+    v: Vector  # velocities: the rates of the positions
+    sigma: Value  # contact mode: 0 in full contact, ±1 while rocking, with the sign of θ
     piece: Index  # piece of the excitation
     h: Value  # step length that the step-size control proposes [s]
-    # Limit on the next trial if it repeats a part of the last one, else inf [s]: its largest length in the
-    # flat engine (`flat.py`), its latest end in the segments engine (`segments.py`).
+    # Limit on the next trial if the last one was accurate but too long, else inf. In the flat engine
+    # (`flat.py`) it is the largest length of the next trial, in the segments engine (`segments.py`) its
+    # latest end [s].
     trial_limit: Value
     code: Index  # result code, or results.RUNNING
     # The accumulator of each output of the plan, with tangents. The first is the largest |θ| so far [rad].
     accumulators: tuple[Any, ...]
     notes: tuple[Any, ...]  # further data of each output, such as the time of a peak
     uplifted: Flag  # the columns have left full contact, or rocked from the start
-    uplift_time: Value  # time of the first uplift, or of the start if the columns rock then [s]; else NaN
+    uplift_time: Value  # time of the first uplift [s]: the start if the columns rock then; NaN without uplift
     overturn_time: Value  # time of overturning [s]; NaN before
-    impacts: Index  # number of impacts
-    min_impact_speed: Value  # least |θ̇⁻| of the impacts up to now [rad/s]; inf without impacts
-    # Least |θ̇⁻| of the impacts before the largest rotation [rad/s]; inf without such impacts.
+    impacts: Index  # number of impacts so far
+    min_impact_speed: Value  # least |θ̇| just before an impact so far [rad/s]; inf without impacts
+    # The same for the impacts before the largest rotation [rad/s]; inf without such impacts.
     min_impact_speed_before_peak: Value
     steps: Index  # number of accepted steps
     rejected: Index  # number of rejected steps
@@ -129,7 +138,7 @@ class LoopState(NamedTuple):
 # Fields whose tangents later steps use.
 DIFFERENTIATED = ("event_time", "x", "v", "accumulators")
 
-# Other fields that have tangents, which only the answers use; batches do not compute them.
+# Other fields that have tangents. Only the answers use these tangents; batches do not compute them.
 _REPORTED = ("notes", "uplift_time", "overturn_time", "min_impact_speed", "min_impact_speed_before_peak")
 
 
@@ -146,17 +155,18 @@ def differentiated_fields(state: LoopState) -> dict[str, Any]:
 
 
 class Decision(NamedTuple):
-    """All choices of an accepted step. With them the step can be repeated even if rounding differs."""
+    """All choices of an accepted step. With them, another program can repeat the step although it rounds
+    differently."""
 
     h: Value  # length of the step [s]
     reaches_stop: Flag  # the step ends at the next breakpoint or at the end of the scene
     lands: Flag  # the step ends on an event
-    false_uplift: Flag  # the step does not confirm the uplift, and the columns return to full contact
+    false_uplift: Flag  # the uplift just before the step was false; the columns return to full contact
     mode: Value  # contact mode after the step
 
 
 class StepInfo(NamedTuple):
-    """Result of a trial."""
+    """Result of a trial. `impact_time` and `decision` are valid only if the trial is accepted."""
 
     accepted: Flag
     impact_time: Value  # time of the impact on which the step ended [s]; NaN without an impact

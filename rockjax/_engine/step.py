@@ -1,6 +1,7 @@
 """One trial step of one scene (one podium under one excitation).
 
-A trial takes a Runge–Kutta step. An accepted trial advances the scene; a rejected trial shortens the next.
+A trial takes a Runge–Kutta step. An accepted trial advances the scene. After a rejected trial, a shorter one
+follows.
 
 A contact mode σ lasts as long as a quantity, the guard, stays within limits. While rocking (σ = ±1) the guard
 is σθ with the rotation θ, and the limits are 0 and the overturning angle. In full contact (σ = 0) it is the
@@ -12,9 +13,9 @@ Events are therefore as accurate as the solver.
 
 Times, step lengths and roots are held constant under differentiation (`stop_gradient`). The constant value of
 a time is called its stamp; the derivatives of an event's time with respect to the parameters are carried
-separately. The state is moved from the end of the step, a constant time, to the event (`state_past`), and
-changed by the event. `restart` then moves it to the stamp, which changes no values, only derivatives. The
-derivatives are exact in forward and reverse mode.
+separately. The end of the step is a constant time. `state_past` moves the state from there to the event, and
+the event changes the state. `restart` then moves the state to the stamp, which changes derivatives, but no
+values. The resulting derivatives are exact in forward and reverse mode.
 """
 
 from __future__ import annotations
@@ -63,17 +64,18 @@ def step(
     - `state`: state at the start of the step
     - `replayed`: recorded decision of an accepted step to repeat; None if the step is decided here
 
-    Unless the plan follows full contact step by step, a podium in full contact goes directly to its next
-    uplift. While rocking, the state first advances from sample to sample of the ground motion as long as no
-    trial is needed (`skip_samples`). Replayed steps skip no samples.
+    If the plan integrates full contact (`plan.follows_contact`), every step is a trial. Otherwise a podium in
+    full contact goes directly to its next uplift. While it rocks, the state first advances from sample to
+    sample of the ground motion as long as no trial is needed (`skip_samples`). Replayed steps skip no
+    samples.
 
     Returns the new state and the result of the trial.
     """
     if plan.follows_contact:
         return trial(scene, plan, state, replayed)
     if replayed is None:
-        # Under `vmap` both branches are computed anyway, and `cond` would copy the samples of the ground
-        # motion for every scene of the batch in every step.
+        # Under `vmap`, JAX computes both branches in any case, and `cond` would copy the samples of the
+        # ground motion for every scene of the batch in every step.
         ahead = skip_samples(scene, plan, state)
         branches = advance_to_uplift(scene, plan, state), trial(scene, plan, ahead)
         return jax.tree.map(lambda a, b: jnp.where(state.sigma == 0, a, b), *branches)
@@ -114,13 +116,13 @@ def _classify(
     guard: Guard,
     replayed: Decision | None,
 ) -> tuple[Step, StepOutcome]:
-    """Return the step in the form that outputs use, and the outcome that follows from the error, the guard
-    and the maxima of the outputs."""
+    """Return the step in the form that outputs use, and its outcome: accepted, or to be shortened. The
+    outcome follows from the error, the guard and the maxima of the outputs."""
     constant = jax.lax.stop_gradient
     lands, is_ignored, newton_correction = _landing(scene, state, trial, guard, replayed)
     # Times of events and breakpoints depend on the parameters. `before` is the time from the start of the
-    # step to an event or breakpoint at this start; its value is zero. `after` is the time from the end of the
-    # step to an event or breakpoint at this end. Neither is held constant under differentiation.
+    # step to the event or breakpoint there; it is zero, but has derivatives. `after` is the time from the end
+    # of the step to the event or breakpoint there, with derivatives; zero if there is none.
     before = state.event_time - constant(state.event_time)
     after = jnp.where(
         lands,
@@ -134,8 +136,8 @@ def _classify(
     # The next trial ends where the guard leaves its limits, but is not shorter than 2 % of this step.
     event_fraction = jnp.where(breaks & ~false_uplift, jnp.maximum(guard.break_point, 0.02), jnp.inf)
 
-    # Outputs take maxima from polynomials through both ends of the step. If that is too inaccurate for a
-    # maximum, the next trial is shortened to end on it.
+    # Outputs take maxima from polynomials through both ends of the step. If a polynomial is too inaccurate
+    # for a maximum, the next trial is shortened to end on this maximum.
     view = Step(scene, plan.ends_on_maxima, state, ground_at, trial, guard, before, after)
     maxima = tuple(
         output.over_step(view, accumulator)
@@ -145,7 +147,7 @@ def _classify(
     is_divisible = trial.h > trial.time_resolution
     maximum_fraction = jnp.where(is_divisible, _maximum_fraction(view, maxima), jnp.inf)
     # A step in which the guard turns twice is halved. Methods of order 2 or lower omit this check, because
-    # they are too inaccurate just after an uplift, where θ ~ t³.
+    # they are too inaccurate just after an uplift, where θ ∝ t³.
     checks_turns = plan.tableau.order > 2
     halving = jnp.where(guard.turns_twice & is_divisible & checks_turns, 0.5, jnp.inf)
 
@@ -160,12 +162,13 @@ def _classify(
 def _landing(
     scene: Scene, state: LoopState, trial: Attempt, guard: Guard, replayed: Decision | None
 ) -> tuple[Flag, Flag, Value]:
-    """Return whether the step ends on an event (lands), whether an event at its end is ignored, and a
-    correction of the time of the event by Newton's method.
+    """Return whether the step ends on an event (lands), whether an event at its end is ignored, and the last
+    Newton correction of the event's time [s]. The correction is close to zero, but carries the derivatives of
+    this time.
 
     - `scene`, `state`: the prepared scene, and its state at the start of the step
     - `trial`, `guard`: the trial step and its guard
-    - `replayed`: decision of the same step in an earlier run; None if there is none
+    - `replayed`: recorded decision of an accepted step to repeat; None if the step is decided here
     """
     constant, h, time_resolution = jax.lax.stop_gradient, trial.h, trial.time_resolution
     # The step lands if the event is at most this time before or after its end [s].
@@ -195,8 +198,8 @@ def _landing(
 
 
 def _maximum_fraction(view: Step, maxima: tuple[Maximum | None, ...]) -> Value:
-    """Return the share of the step after which the next trial ends so that it ends on a maximum; inf if
-    no output needs this."""
+    """Return the fraction of this step after which the next trial must end, so that it ends on a maximum of
+    the demand or of an output; inf if this is not necessary."""
     state, guard = view.state, view.guard
     # If |q| turns just below the threshold, the next trial ends at the turning point.
     turns_in_contact = (state.sigma == 0) & guard.turned & ~guard.breaks_before_turn
@@ -295,8 +298,8 @@ def _advance(
 def _times(
     scene: Scene, state: LoopState, trial: Attempt, outcome: StepOutcome
 ) -> tuple[Index, Value, Value, Value]:
-    """Return the piece after the step, the stamp of the step's end, the same time not held constant under
-    differentiation, and a shift that is zero in value and carries the derivatives of this time."""
+    """Return four results: the piece after the step, the time of the step's end as a stamp [s], the same time
+    with derivatives [s], and a shift that is zero, but has these derivatives [s]."""
     constant, t, h, lands = jax.lax.stop_gradient, state.t, trial.h, outcome.lands
     now = jnp.where(lands, t + h + outcome.after, jnp.where(trial.reaches_stop, trial.stop, t + h))
     stamp = jnp.where(lands, jnp.minimum(constant(now), constant(trial.stop)), constant(now))
@@ -306,9 +309,9 @@ def _times(
 
 
 def _ground_jump(scene: Scene, state: LoopState, is_passed: Flag, mode: Value, x: Vector, v: Vector, ground):
-    """Return the effect of the ground's velocity jump at the end of the piece, with a jump of zero unless
-    `is_passed` (the step passes this end, and the columns do not overturn). Return None if the ground's
-    velocity never jumps."""
+    """Return the effect of a jump of the ground's velocity at the end of the piece; None if the ground's
+    velocity never jumps. Unless `is_passed` (the step reaches the next piece, and the columns do not
+    overturn), the jump is zero."""
     jump = scene.excitation.velocity_jump(state.piece)
     if jump is None:
         return None

@@ -1,8 +1,8 @@
 """Butcher tableaus (coefficients) of explicit Runge–Kutta methods.
 
 The tableaus of the explicit methods in `methods.py` are stored in `tableaus.json`, because importing Diffrax
-is slow. The stored tableaus are copies of Diffrax's, as a test verifies; `write` writes the file again. The
-tableau of any other explicit Diffrax solver is taken from the solver itself.
+is slow. The stored tableaus are copies of Diffrax's, as a test verifies; `write` writes the file again. Any
+other explicit Diffrax solver provides its own tableau.
 """
 
 from __future__ import annotations
@@ -62,8 +62,8 @@ def tableau_for(method: str | diffrax.AbstractERK, depends_on_velocities: bool) 
     """Return the tableau with which to integrate.
 
     - `method`: name of an explicit method, or an explicit Diffrax solver
-    - `depends_on_velocities`: whether accelerations depend on velocities. If they do not, a Nyström method
-      with fewer stages replaces `"dopri8"`
+    - `depends_on_velocities`: whether accelerations depend on velocities. If they do not, a Nyström method of
+      the same order with fewer stages replaces `"dopri8"`
     """
     return nystrom() if method == ORDER_8 and not depends_on_velocities else tableau(method)
 
@@ -98,7 +98,7 @@ def nystrom() -> Tableau:
     positions = stages[-1]
     middle = 5875 / 36288, 4625 / 21168, 41 / 224, 4625 / 21168, 5875 / 36288
     velocities = np.array([223 / 7938, 0, *middle, 223 / 7938, 0])
-    # Weights of order 6, for the error estimate.
+    # Weights of an embedded method of order 6, for the error estimate.
     middle = 1610737 / 44674560, 10023263 / 33505920, -497221 / 12409600, 10023263 / 78180480
     positions_sixth = np.array([7987313 / 109941300, 0, *middle, 1610737 / 402071040, 0, 0])
     middle = 1610737 / 40207104, 10023263 / 23454144, -497221 / 6204800, 10023263 / 23454144

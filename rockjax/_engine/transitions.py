@@ -1,8 +1,10 @@
 """Changes of contact mode and state at events, and the effect of event times on derivatives.
 
-The time of an event or breakpoint depends on the parameters. The value of this time, held constant under
-differentiation, is called the stamp. Columns in full contact lift when the uplift demand |q| exceeds its
-threshold, Eq. (9). Equations without a letter are those of docs/model.md; (L…) are in docs/floors.md.
+The time of an event (uplift, impact, overturning) or of a breakpoint (a jump or kink of the ground motion)
+depends on the parameters. The value of this time, held constant under differentiation, is called the stamp.
+Columns in full contact lift when the uplift demand |q| exceeds its threshold, Eq. (9). A ground acceleration
+is ü_g (horizontal) or, if the ground also moves vertically, a `Shaking` with ü_g and v̈_g. Equations without
+a letter are those of docs/model.md; (L…) are in docs/floors.md.
 """
 
 from __future__ import annotations
@@ -46,13 +48,13 @@ def transition(
     - `scene`: the prepared scene
     - `sigma`: contact mode σ before the transition
     - `x`, `v`: positions and velocities before the transition
-    - `ground`: ground acceleration after the transition, horizontal ü_g, or ü_g and vertical v̈_g [m/s²]
+    - `ground`: ground acceleration after the transition [m/s²]
     - `hit`: True for an impact
     - `lifted`: True for an uplift
     - `demand`: demand q before the uplift [m/s²]; the columns lift to the side −sign q
-    - `false_uplift`: True if the columns return to θ = 0 in a very short first step after an uplift. The
-      uplift then does not count, and the columns are in full contact
-    - `to_rest`: True if an impact brings the columns to rest whatever their speed
+    - `false_uplift`: True if the columns return to θ = 0 in a very short first step after an uplift. Then the
+      uplift does not count, and the columns are in full contact
+    - `to_rest`: True if an impact brings the columns to rest at any speed
 
     Without an event the contact mode stays the same, except that columns in full contact lift if a jump of
     the ground acceleration has brought the demand above the threshold.
@@ -70,8 +72,9 @@ def transition(
 
 
 def contact_mode(c: Coefficients, q: Value) -> Value:
-    """Return the contact mode that follows full contact under the demand q [m/s²]: the columns lift if |q|
-    exceeds the threshold of Eq. (9), and stay in contact otherwise, also if |q| equals the threshold."""
+    """Return the contact mode of columns at rest under the demand q [m/s²]: they lift to the side −sign q if
+    |q| exceeds the threshold of Eq. (9). Otherwise, also if |q| equals the threshold, they stay in full
+    contact."""
     return jnp.where(jnp.abs(q) > c.uplift, -jnp.sign(q), 0.0)
 
 
@@ -83,7 +86,7 @@ def after_impact(
     - `scene`: the prepared scene
     - `sigma`, `theta_dot`: contact mode and θ̇ [rad/s] before the impact
     - `q`: demand in full contact after the impact [m/s²]
-    - `to_rest`: True if the columns come to rest whatever their speed
+    - `to_rest`: True if the columns come to rest at any speed
 
     The columns rock on to the other side unless |θ̇⁺| is at most the rest velocity, or `to_rest` is True.
     Then full contact follows, or a new uplift if |q| exceeds the threshold.
@@ -102,8 +105,8 @@ class Jolt(NamedTuple):
     side: Value
     change: Vector  # changes of the velocities due to the jump, before the impact that may follow
     lifts: Flag  # whether columns at rest lift
-    # Whether columns with θ = 0 that rock, just after an impact or uplift, are driven into the ground. This
-    # counts as an impact, in addition to one at the same time.
+    # Whether the jump drives columns into the ground that move at θ = 0, just after an impact or uplift. This
+    # counts as a further impact.
     strikes: Flag
     v: Vector  # velocities after the jump
     sigma: Value  # contact mode after the jump
@@ -112,12 +115,13 @@ class Jolt(NamedTuple):
 def jolt(
     scene: Scene, sigma: Value, x: Vector, v: Vector, ground: Value | Shaking, jump: Value | Shaking
 ) -> Jolt:
-    """Return the effect of a jump of the ground's velocity, (L13), (L14).
+    """Return the effect of a jump of the ground's velocity. docs/floors.md has the equations for a single
+    block, (L13), (L14).
 
     - `scene`: the prepared scene
     - `sigma`, `x`, `v`: contact mode, positions and velocities before the jump
-    - `ground`: ground acceleration after the jump, ü_g, or ü_g and v̈_g [m/s²]
-    - `jump`: velocity jump of the ground, horizontal, or horizontal and vertical [m/s]
+    - `ground`: ground acceleration after the jump [m/s²]
+    - `jump`: velocity jump of the ground [m/s], a scalar or a `Shaking`, like `ground`
 
     The equation of motion is linear in the accelerations of the structure and of the ground. Therefore the
     same coefficients relate the velocity jumps of the structure to those of the ground. Columns at rest lift
@@ -143,11 +147,10 @@ def past_breakpoint(
     """Return the state after a breakpoint, moved from the time of the breakpoint to the stamp.
 
     - `scene`: the prepared scene
-    - `stamp`: fixed time stamp of the breakpoint [s]
-    - `delta`: time of the breakpoint minus its stamp, zero in value, but not constant under differentiation
-      [s]
+    - `stamp`: stamp of the breakpoint [s]
+    - `delta`: time of the breakpoint minus its stamp [s], which is zero, but has the derivatives of this time
     - `x`, `v`, `sigma`: positions, velocities and contact mode
-    - `pieces`: pieces before and after the breakpoint
+    - `pieces`: pieces of the excitation before and after the breakpoint
 
     A breakpoint of the horizontal and a breakpoint of the vertical motion may coincide although the
     derivatives of their times with respect to the parameters differ. The time between them is then zero, but
@@ -166,11 +169,11 @@ def past_breakpoint(
 def restart(
     scene: Scene, t: Value, delta: Value, x: Vector, v: Vector, sigma: Value, piece: Index
 ) -> tuple[Vector, Vector]:
-    """Return the state (x, v) at the time of an event, moved to the fixed time stamp t.
+    """Return the state (x, v), moved from the time of an event to the stamp t of this event.
 
     - `scene`: the prepared scene
-    - `t`: fixed time stamp [s]
-    - `delta`: time of the event minus the stamp, zero in value, but not constant under differentiation [s]
+    - `t`: stamp of the event [s]
+    - `delta`: time of the event minus its stamp [s], which is zero, but has the derivatives of this time
     - `x`, `v`, `sigma`: positions, velocities and contact mode after the event
     - `piece`: piece of the excitation after the event
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-# Peak memory per scene [bytes], without the scene's parameters. A batch needs 120 bytes; a spectrum needs
-# 160, because it is also assembled and written.
+# Peak memory per scene [bytes], without the scene's parameters. A batch needs 120 bytes. A spectrum needs 160
+# bytes, because its dataset is also assembled and written.
 BYTES_PER_SCENE = 160
 BYTES_PER_SENSITIVITY = 32  # additional memory per scene and sensitivity parameter [bytes]
 SYSTEM_ROOT = Path("/")  # root of /proc and /sys
@@ -25,10 +25,10 @@ def require_memory(
     noun: str = "scenes",
     advice: str = REQUEST_FEWER_OR_SWEEP,
 ) -> None:
-    """Raise `ValueError` if the results of scenes, or of other items, do not fit into free memory, as
-    reported by Linux.
+    """Raise `ValueError` if the results of scenes, or of other items, do not fit into the free memory that
+    Linux reports.
 
-    Other systems, and results below 1 MiB, are not checked.
+    Results below 1 MiB, and other operating systems, are not checked.
 
     - `owner`: class or function, for the message
     - `number`: number of items

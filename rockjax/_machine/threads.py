@@ -12,13 +12,13 @@ from typing import Any
 
 import jax
 
-# Modules for tables. xarray imports dask.base and dask.array, if installed, when the first Dataset is made.
-# The first module of dask must be the one that xarray imports
-# first: if two threads begin with different modules of a package, one may see an incomplete module.
+# Modules for tables, in the order in which xarray imports them for the first Dataset (dask if installed).
+# This order matters: if two threads begin to import a package with different modules, one thread may see an
+# incomplete module.
 TABLE_MODULES = "xarray", "dask.base", "dask.array"
 
-# The thread pool, once it exists. It starts another thread if none is idle, up to 1024, so waiting threads do
-# not block others. All threads finish their work before the process ends.
+# The thread pool, once it exists. It starts another thread whenever none is idle, up to 1024, so that waiting
+# threads do not block other work. All threads finish their work before the process ends.
 _POOLS: list[ThreadPoolExecutor] = []
 _IMPORTS: list[Future] = []  # imports in other threads, until `wait_for_imports`
 if hasattr(os, "register_at_fork"):  # threads do not exist in a forked process
@@ -75,8 +75,8 @@ def import_in_background(*modules: str) -> None:
 
 
 def wait_for_imports() -> None:
-    """Wait for the modules of `import_in_background`. If two threads import packages that import each other,
-    such as dask and distributed, one thread may see an incomplete module."""
+    """Wait until `import_in_background` has imported its modules. Otherwise, if two threads import packages
+    that import each other, such as dask and distributed, one thread may see an incomplete module."""
     wait(_IMPORTS)
     _IMPORTS.clear()
 

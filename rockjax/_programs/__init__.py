@@ -1,1 +1,1 @@
-"""Compiled programs: their derivatives, and a store on disk, from which later processes load them."""
+"""Compiled programs: their derivatives, and the folder from which later processes load them."""

@@ -1,8 +1,8 @@
 """A barrier against repeated computation by the compiler.
 
 XLA splits an integration step into kernels, which are loops over the scenes of a batch. Without barriers,
-every kernel computes all intermediate results that it needs again from stored values. A barrier stores its
-values, and all later kernels read them.
+every kernel that needs an intermediate result computes it again. A barrier stores its values, and all later
+kernels read them.
 """
 
 from __future__ import annotations

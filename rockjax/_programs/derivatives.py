@@ -1,10 +1,10 @@
 """Derivatives of programs, in forward mode together with the value.
 
 A scene is one structure under one ground motion. Its answers are the floats and integers that its program
-returns. A scene inside a traced program gets the derivative rule of `_with_jacobian_rule`: a Jacobian with
-respect to the differentiated scalars. Any other scene gets the derivative rule of `differentiable`: a stored
-program computes, in one pass, the answers and the derivatives of the floats with respect to every scalar
-parameter of the podium and the excitation. `jax.grad`, `jacfwd` and `jvp` combine these derivatives.
+returns. There are two derivative rules. Outside jit, `differentiable` calls a stored program, which computes,
+in one pass, the answers and the derivatives of the floats with respect to every scalar parameter of the
+podium and the excitation. Inside a traced program, `_with_jacobian_rule` computes a Jacobian with respect to
+only those scalars that are differentiated. `jax.grad`, `jacfwd` and `jvp` combine these derivatives.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from rockjax._programs.program import StoredProgram
 def push_forward(
     function: Callable, arguments: Sequence[Any], slopes: Sequence[Any], *, loops: bool = False
 ) -> tuple[Any, Any, Any]:
-    """Evaluate a function once, and propagate derivatives of its arguments to its floating-point outputs.
+    """Evaluate a function once, and propagate the derivatives of its arguments to its floats (forward mode).
 
     - `function`: function of `arguments` that returns (floats, other outputs)
-    - `arguments`: arguments of the function, pytrees
-    - `slopes`: for each argument a pytree of its derivatives with respect to n parameters, along a new
-      first axis of length n; None for leaves that do not depend on the parameters
+    - `arguments`: arguments of the function: pytrees
+    - `slopes`: for each argument, a pytree of the derivatives of its leaves with respect to n parameters,
+      along a new first axis of length n; None for leaves that do not depend on the parameters
     - `loops`: whether the function has loops. With loops, the tangents are computed together with the
       values. Without loops, the function is linearised first, so that all n tangents share the
       intermediate results
@@ -49,14 +49,15 @@ def push_forward(
         push = lambda *direction: jax.jvp(restricted, point, list(direction), has_aux=True)
         return jax.vmap(push, out_axes=(None, 0, None))(*directions)
     floats, linear, others = jax.linearize(restricted, *point, has_aux=True)
-    # The barrier stores the coefficients, so that all tangents share them.
+    # The barrier stores the coefficients of the linear function, so that all tangents share them.
     coefficients, linear_structure = jax.tree.flatten(linear)
     linear = jax.tree.unflatten(linear_structure, barrier(coefficients))
     return floats, jax.vmap(linear)(*directions), others
 
 
 def _restrict(function: Callable, leaves: Sequence[Any], varied: Sequence[int]) -> Callable:
-    """Return `function` as a function of only the leaves with the indices `varied`; the others are fixed."""
+    """Return `function` as a function of the leaves with the indices `varied` only. The other leaves are
+    fixed."""
 
     def restricted(*values):
         changed = list(leaves)
@@ -76,9 +77,9 @@ def _take_leaves(function: Callable, structure: Any, **keywords: Any) -> Callabl
 def with_derivatives(function: Callable) -> Callable:
     """Give a function of a scene the derivative rule of `_with_jacobian_rule`.
 
-    - `function`: function that returns (floats, integers). Its arguments are those of a scene, and the last
-      one is the solver's options. Its keywords are `capacity`, the number of accepted steps to store (None
-      stores none), and `reversible`: if True, its loops can be differentiated in reverse mode
+    - `function`: function that returns (floats, integers). Its arguments are those of a scene, the solver's
+      options last. It has two keywords: `capacity`, the number of accepted steps to store (None stores none),
+      and `reversible`, True for loops that reverse mode can differentiate
 
     Returns a function of the same arguments and the keyword `capacity`.
     """
@@ -100,8 +101,8 @@ def with_slopes(function: Callable) -> Callable:
     - `function`: as for `with_derivatives`
 
     The returned function has the keywords `leaf_indices` and `capacity`, and returns ((floats, integers),
-    derivatives). The derivatives are with respect to the leaves with the indices `leaf_indices`, one row per
-    leaf.
+    derivatives of the floats). The derivatives are with respect to the leaves of the arguments with the
+    indices `leaf_indices`, one row per leaf.
     """
 
     @functools.wraps(function)
@@ -128,9 +129,9 @@ def _with_jacobian_rule(function: Callable, reversible: Callable, has_derivative
     """Give a function a derivative rule that computes the value and a Jacobian in one pass.
 
     - `function`: function leaves ↦ (floats, integers)
-    - `reversible`: the same function with loops that can be differentiated in reverse mode; the rule uses it
-      for derivatives with respect to arrays
-    - `has_derivatives`: whether the engine supports derivatives
+    - `reversible`: the same function with loops that reverse mode can differentiate; the rule uses this
+      function for derivatives with respect to arrays
+    - `has_derivatives`: whether the engine supports derivatives; if not, the rule raises an error
     """
     evaluate = jax.custom_jvp(function)
 
@@ -160,8 +161,9 @@ def _no_tangent(integers: Any) -> Any:
 
 @jax.custom_jvp
 def _first_order_only(x):
-    """Return x in a form that raises an error when it is differentiated. First derivatives are computed at
-    such a point and cannot be differentiated again, because event times are exact only to first order."""
+    """Return x in a form whose differentiation raises an error. Functions that compute first derivatives pass
+    their arguments through this function. The first derivatives then cannot be differentiated again, because
+    the derivatives of event times are exact only to first order."""
     return x
 
 
@@ -176,15 +178,15 @@ def _first_order_only_jvp(primals, tangents):
 def with_tangents(values):
     """Return values unchanged. If some of them have tangents, the others get zero tangents.
 
-    JAX transforms the body of a loop again whenever it finds a further field with a tangent. If all fields
-    have tangents from the start, JAX transforms the body only once.
+    JAX differentiates the body of a loop again whenever it finds a further field of the carry that has a
+    tangent. If all fields have tangents from the start, JAX differentiates the body only once.
     """
     return values
 
 
 def _with_tangents_jvp(primals, tangents):
-    """Replace symbolic zeros by zero tangents that are batched like the existing tangents."""
-    # `zero` is computed from an existing tangent, so that `vmap` batches it, too.
+    """Replace symbolic zeros by zero tangents, batched like the existing tangents."""
+    # `zero` is computed from an existing tangent, so that `vmap` batches it like this tangent.
     is_absent = lambda y: isinstance(y, SymbolicZero)
     existing = next(y for y in jax.tree.leaves(tangents[0], is_leaf=is_absent) if not is_absent(y))
     zero = jax.lax.select(False, existing, jnp.zeros_like(existing))[(0,) * existing.ndim]
@@ -201,8 +203,8 @@ with_tangents.defjvp(_with_tangents_jvp, symbolic_zeros=True)
 
 
 def find_dependent_outputs(function: Callable, argument: Any) -> Any:
-    """Return whether each output of a function depends on its argument, as a pytree of booleans. Only
-    shapes and types of `argument` are used."""
+    """Return a pytree of booleans: for each output of a function, whether it depends on the argument. Only
+    the shapes and types of `argument` are used."""
     dependences: list[Any] = []
 
     @jax.custom_jvp
@@ -221,8 +223,8 @@ def find_dependent_outputs(function: Callable, argument: Any) -> Any:
 
 
 def is_concrete(leaf: Any) -> bool:
-    """Return whether the value of a leaf is known. This is so for numbers and arrays, and outside jit also
-    for tracers of `jax.grad` or `jax.jvp`."""
+    """Return whether the value of a leaf is known. The values of numbers and arrays are known, and outside
+    jit also those of tracers of `jax.grad` and `jax.jvp`."""
     if not isinstance(leaf, Tracer):
         return True
     # A tracer of `grad` or `jvp` holds the value at which the derivative is evaluated.
@@ -242,7 +244,7 @@ def differentiable(program: StoredProgram, slopes_of: StoredProgram, structure: 
     """Return a differentiable function that maps the leaves of a scene to its answers.
 
     - `program`: program that computes the answers
-    - `slopes_of`: program that computes the answers and the derivatives of the floats, see `with_slopes`
+    - `slopes_of`: program that also computes the derivatives of the floats, see `with_slopes`
     - `structure`: tree structure of the arguments (podium, excitation, …)
     - `capacity`: number of nodes (accepted steps) to store; None stores none
     """
@@ -278,12 +280,13 @@ def scalar_positions(leaves) -> tuple[int, ...]:
 
 
 def directional_derivative(slope: np.ndarray, directions: dict[int, Any]):
-    """Return Σ_k directions[k] · slope[k], the derivative of one answer.
+    """Return the derivative of one answer in a direction, Σ_k directions[k] · slope[k].
 
     - `slope`: derivatives of the answer with respect to the parameters, along the first axis
     - `directions`: scalar tangents of parameters, by the index k of the parameter on this axis
 
-    Outside jit every operation compiles separately, so the function uses only few and simple operations.
+    Outside jit, JAX compiles every operation separately, so the function uses few operations, and only simple
+    ones.
     """
     terms = []
     for k, direction in directions.items():
@@ -295,9 +298,9 @@ def directional_derivative(slope: np.ndarray, directions: dict[int, Any]):
 def _differentiate_traced(
     program: StoredProgram, structure: Any, capacity: int | None, primals, tangents, varied
 ):
-    """Differentiate the program through `jax.jit`. This is needed for derivatives with respect to anything
-    but scalar parameters of the podium and the excitation, such as samples or initial states, and inside
-    other transformations."""
+    """Differentiate the program through `jax.jit`. This is needed inside other transformations, and for
+    derivatives with respect to samples, initial states or anything else but scalar parameters of the podium
+    and the excitation."""
     traced = lambda *leaves: program.through_jit(*jax.tree.unflatten(structure, leaves), capacity=capacity)
     restricted = _restrict(traced, primals, varied)
     return jax.jvp(restricted, [primals[i] for i in varied], [tangents[i] for i in varied])

@@ -2,9 +2,9 @@
 
 A key contains the structure of the arguments (classes, static fields, shapes and types of arrays and
 numbers), the versions of the libraries, a hash of the source of `rockjax` and `optimise`, JAX's settings, and
-the processor. User-defined classes and functions have no key, because their names may mean other code in
+the processor. User-defined classes and functions have no key, because the same name may mean other code in
 another process. `program.py` identifies programs with such arguments by the text of the lowered program. A
-function wrapped in `TracedFunction` has a key.
+user-defined function that is wrapped in `TracedFunction` has a key.
 """
 
 from __future__ import annotations
@@ -38,7 +38,8 @@ class NoKeyError(Exception):
 
 
 class TracedFunction:
-    """A user-defined function, identified by the lowered program of the function and its derivative.
+    """A user-defined function that has a key: the text of the lowered program of the function and its
+    derivative.
 
     - `function`: the function
     - `examples`: example arguments for lowering, pytrees of arrays or of `jax.ShapeDtypeStruct`. The function
@@ -136,8 +137,8 @@ def describe_machine() -> str:
 def _describe_versions() -> str:
     device = jax.local_devices(backend="cpu")[0]
     libraries = [f"{name} {version(name)}" for name in _LIBRARIES]
-    # The compiler uses features of the processor. Where these features are unknown, the machine's name is
-    # part of the key.
+    # The compiled program may use all features of the processor. If the features are unknown, the key
+    # contains the name of the machine instead.
     try:
         lines = Path("/proc/cpuinfo").read_text().split("\n\n")[0].splitlines()
         processor = [line for line in lines if line.split(":")[0].strip().lower() in _PROCESSOR]

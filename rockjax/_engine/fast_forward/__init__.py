@@ -1,15 +1,16 @@
 """Fast-forwards: parts of a scene that are skipped without trial steps (steps that may be rejected).
 
-A scene is one podium under one excitation. Each module contains one fast-forward. A fast-forward calls one
-method of every output in the plan: `over_rest` returns the accumulator (the value of the output up to the
-present time) after the skipped part; `over_sample` and `over_bounces` return whether the accumulator stays
-the same. A fast-forward may be used only if every output implements its method.
+A scene is one podium under one excitation. A rigid podium is a podium with a rigid superstructure or none.
+Each module contains one fast-forward. A fast-forward calls one method of every requested output: `over_rest`
+returns the accumulator (the value of the output up to the present time) after the skipped part; `over_sample`
+and `over_bounces` return whether the accumulator stays the same. A fast-forward may be used only if every
+requested output implements its method.
 
 | name | module | skipped part |
 |---|---|---|
-| `rest` | `rest.py` | full contact of a rigid podium, until its next uplift |
-| `samples` | `samples.py` | sampling intervals of the ground motion in which rigid columns rock on |
-| `bounces` | `bounces.py` | bounces of rigid columns that end at rest |
+| `rest` | `rest.py` | full contact of a rigid podium until its next uplift |
+| `samples` | `samples.py` | sampling intervals of the ground motion in which a rigid podium rocks on |
+| `bounces` | `bounces.py` | bounces of a rigid podium that end at rest |
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
 """Detection of bounces that certainly end at rest, and can be skipped.
 
-A rigid column that hits the ground slowly continues in ever shorter hops (motions from one impact to the
-next). Each impact multiplies the speed by the restitution factor e, so the time until rest has a bound. If
-the ground motion cannot lift the column before that time, and no hop can change an output, the bounces are
-skipped: the column is put to rest at the first impact. Eq. (24) is in docs/model.md.
+After a slow impact, columns continue in ever shorter hops (motions from one impact to the next). Each impact
+multiplies their angular speed by the restitution factor e, so the time until rest has an upper bound. If the
+ground motion cannot lift the columns until then, and no hop can change an output, the bounces are skipped:
+the columns are put to rest at the first impact. This is done only for rigid podiums (with a rigid
+superstructure or none). Eq. (24) is in docs/model.md.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from rockjax._outputs.views import Bounces
 from rockjax._programs.barrier import barrier
 from rockjax._types import Flag, Index, Value
 
-# The ground motion is bounded over a time interval of this multiple of the estimated duration of the bounces.
+# The ground motion is bounded over this multiple of the estimated duration of the bounces.
 AHEAD = 2.0
 
 
@@ -41,8 +42,7 @@ def skipped_bounces(
     speed: Value,
     replayed: Decision | None,
 ) -> Skipped:
-    """Return the `Skipped` bounces after an impact: whether they are skipped, and how many impacts they
-    contain.
+    """Return the `Skipped` bounces after the impact at the end of a step.
 
     - `scene`: the prepared scene; `plan`: settings that are fixed at compilation, such as the outputs
     - `state`: state before the step that ends with the impact
@@ -51,9 +51,9 @@ def skipped_bounces(
     - `speed`: |θ̇| before the impact [rad/s]
     - `replayed`: recorded decision of an accepted step to repeat; None if the step is decided here
 
-    Bounces are skipped only for rigid podiums without restrainers, if no output needs every impact and the
-    excitation has a bound over a time interval (`AbstractExcitation.at_most`). In a replayed step, skipped
-    impacts are not counted again.
+    Bounces are skipped only for rigid podiums without restrainers, if no output needs every impact, and if
+    `AbstractExcitation.at_most` can bound the excitation over a time interval. A replayed step does not count
+    skipped impacts; their number is that of the recorded run.
     """
     if replayed is not None:  # the recorded contact mode shows whether the impact ended at rest
         return Skipped(hit & (replayed.mode == 0), jnp.zeros_like(state.impacts), speed)
@@ -74,15 +74,15 @@ def _bounces_to_rest(
     now: tuple[Value, Index, Value | Shaking],
     speed: Value,
 ) -> Flag | None:
-    """Return whether the columns certainly come to rest without a change of any output; None if the
-    excitation has no bound over a time interval.
+    """Return whether the columns certainly come to rest without a change of any output; None if
+    `AbstractExcitation.at_most` has no formula for this excitation.
 
     - `scene`, `plan`, `state`, `now`: as in `skipped_bounces`
     - `speed`: |θ̇| after the impact [rad/s]
 
-    Hop k starts with the speed w eᵏ, where w is `speed`. If the deceleration is at least a, the largest |θ|
-    of hop k is at most w² e²ᵏ/(2a), and hop k lasts at most 2w eᵏ/a. All hops together last at most
-    2w/(a(1 − e)).
+    Hop k = 0, 1, … starts with the speed w eᵏ, where w is `speed`. If the angular deceleration is at least a,
+    the largest |θ| of hop k is at most w² e²ᵏ/(2a), and hop k lasts at most 2w eᵏ/a. All hops together last
+    at most 2w/(a(1 − e)).
     """
     scene, state, now, speed = jax.lax.stop_gradient((scene, state, now, speed))
     c, (t, piece, shaking) = scene.c, now
@@ -93,7 +93,7 @@ def _bounces_to_rest(
         |ü_g|, taken in the direction that lifts the columns further."""
         return c.gravity * c.sin_alpha - c.ground * ground * c.cos_alpha
 
-    # The duration of all hops is 2w · inertia / (moment · (1 − e)).
+    # The duration of all hops is 2w/(a(1 − e)) with a = moment/inertia.
     momentum, loss = 2 * speed * c.inertia, 1 - c.restitution
     divisor, remaining = restoring_moment(ground) * loss, scene.excitation.breakpoint(piece) - t
     span = jnp.minimum(AHEAD * momentum / jnp.where(divisor > 0, divisor, 1.0), remaining)
@@ -102,9 +102,10 @@ def _bounces_to_rest(
     if max_ground is None:
         return None
     moment = restoring_moment(max_ground)
-    # Bound on |θ|, valid if at least half of the moment is left at the top of a hop, as `rests` requires.
+    # Bound on |θ|, valid if at least half of the moment is left at the largest |θ| of a hop, as `rests`
+    # requires.
     height = speed**2 * c.inertia / jnp.where(moment > 0, moment, 1.0)
-    # From θ = 0 to the top of a hop, sin ψ decreases by at most |θ|, and cos ψ increases by at most
+    # From θ = 0 to the largest |θ| of a hop, |sin ψ| decreases by at most |θ|, and cos ψ increases by at most
     # |θ| sin α.
     moment_at_top = moment - height * (c.gravity + c.ground * max_ground * c.sin_alpha)
     rests = (moment > 0) & (moment_at_top > 0.5 * moment) & (momentum < span * moment_at_top * loss)
@@ -115,7 +116,7 @@ def _bounces_to_rest(
 
 
 def _impact_count(scene: Scene, speed: Value) -> Index:
-    """Return the number of impacts that reduce |θ̇| from `speed` to the rest velocity."""
+    """Return the number of impacts that reduce |θ̇| from `speed` to the rest velocity or below."""
     speed = jax.lax.stop_gradient(speed)
     count = jnp.ceil(jnp.log(jnp.maximum(speed / scene.rest_speed, 1.0)) / scene.log_restitution)
     return jnp.where(jnp.isfinite(count), count, 0.0).astype(jnp.int32)

@@ -1,7 +1,7 @@
-"""Fast-forward through full contact of a rigid podium.
+"""Fast-forward through full contact of a rigid podium (with a rigid superstructure or none).
 
-Relative to the ground, nothing moves until the next uplift: the next time at which the uplift demand exceeds
-its threshold.
+Relative to the ground, nothing moves until the uplift demand exceeds its threshold again. At this time the
+columns lift. docs/model.md defines demand and threshold, Eq. (9).
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopS
     """Advance a rigid podium in full contact to its next uplift.
 
     Returns the state after the uplift and the `StepInfo`. If the columns do not lift before the end of the
-    scene, the scene ends: at once if the excitation has no further exceedance, otherwise at its end time.
+    scene, the scene ends: at once if the demand never exceeds the threshold again, otherwise at its end time.
     """
     constant = jax.lax.stop_gradient
     c, t, excitation = scene.c, state.t, scene.excitation
     lifts_at = constant(scene.lookahead.next_exceedance(t, state.piece))
     end = constant(scene.end)
     lifts = lifts_at < end
-    # `stamp` is the time of the uplift without derivatives, or the time at which the scene ends; `now` below
+    # `stamp` is the time of the uplift, or the time at which the scene ends, without derivatives; `now` below
     # is the same time with derivatives.
     stamp = jnp.where(lifts, lifts_at, jnp.where(jnp.isinf(lifts_at), t, end))
     piece = jnp.where(lifts, excitation.locate(stamp), state.piece)
@@ -61,7 +61,7 @@ def advance_to_uplift(scene: Scene, plan: Plan, state: LoopState) -> tuple[LoopS
         lifts, results.RUNNING, jnp.where(jnp.isinf(lifts_at), results.SETTLED, results.END_OF_TIME)
     )
     until = jnp.where(lifts, now, scene.end)
-    # If the ground acceleration jumps at the uplift, outputs over the rest must not include the value after
+    # If the ground acceleration jumps at the uplift, outputs over the rest must not include its value after
     # the jump.
     rounding = jnp.finfo(t.dtype).eps * (jnp.abs(stamp) + 1 / constant(c.p))
     rest = Rest(scene, state.event_time, until, jnp.where(lifts & jumps, rounding, 0.0))

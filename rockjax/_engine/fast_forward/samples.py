@@ -1,13 +1,13 @@
 """Fast-forward from one sample of the ground motion to the next without a trial step.
 
 A trial step is a step that may be rejected, or shortened to end on an event. Under sampled ground motions,
-trial steps end on every sample and are far shorter than the tolerance requires. Between most samples rigid
-columns rock on, and no event occurs. A Nyström step without a search for events then replaces the trial step,
-under three conditions:
+trial steps end on every sample and are far shorter than the tolerance requires. Between most samples the
+columns of a rigid podium (with a rigid superstructure or none) rock on, and no event occurs. A Nyström step
+without a search for events then replaces the trial step, under three conditions:
 
 - the error of the step is small enough;
 - the rotation is monotone, does not change its sign and stays below the overturning angle;
-- no output changes between the samples.
+- no output can change between the samples.
 """
 
 from __future__ import annotations
@@ -90,14 +90,15 @@ def skip_sample(scene: Scene, plan: Plan, state: LoopState) -> LoopState:
     for output, accumulator in zip(plan.outputs, state.accumulators, strict=True):
         skips &= output.over_sample(sample, accumulator)
     skips = barrier(skips)
-    # The field is continuous at a sample, so the derivative of the sample's time does not affect the state.
+    # The accelerations are continuous at a sample, so the derivatives of the sample's time do not affect the
+    # state.
     moved = state._replace(t=stamp, event_time=now, x=end.x, v=end.v, piece=piece + 1, steps=state.steps + 1)
     moved = jax.tree.map(lambda new, old: jnp.where(skips, new, old), moved, state)
     return moved._replace(may_skip=skips)
 
 
 def _rocks_on(scene: Scene, state: LoopState, a: Vector, end: Step, h: Value) -> Flag:
-    """Return whether the rotation is monotone up to the next sample, without an impact or overturning.
+    """Return whether the rotation is monotone up to the next sample, and no impact or overturning occurs.
 
     θ̇ must have the same sign at both ends. As θ̈ is nearly linear between two samples, θ̇ has this sign
     throughout if θ̈ does not change its sign, or is too small to stop the columns.
