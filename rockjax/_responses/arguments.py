@@ -1,4 +1,7 @@
-"""Checks and conversion of the arguments of functions that solve scenes."""
+"""Checks and conversion of the arguments of functions that solve scenes.
+
+A scene is one podium under one ground motion.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +22,8 @@ from rockjax._unit_warnings import warn_about_units
 
 
 def check_types(owner: str, podium, options, name: str = "podium") -> None:
-    """Raise `ValueError` if the podium or the options have a wrong type, if their floats have another type
-    than JAX's default, or if `rtol` is too small for this type.
+    """Raise `ValueError` if the podium or the options have a wrong class, if their arrays do not have JAX's
+    default floating-point type, or if `rtol` is too small for this type.
 
     - `owner`: name of the calling function, for messages
     - `podium`, `options`: a `Podium` and `Options`
@@ -34,7 +37,7 @@ def check_types(owner: str, podium, options, name: str = "podium") -> None:
 
 
 def check_precision(options: Options) -> None:
-    """Raise `ValueError` for tolerances that the default floating-point type cannot reach."""
+    """Raise `ValueError` if `rtol` is too small for JAX's default floating-point type."""
     least, accepted = _least_tolerance(float_type())
     require("Options", "rtol", options.rtol, lambda v: v >= least, accepted)
 
@@ -47,7 +50,7 @@ def _least_tolerance(dtype: np.dtype) -> tuple[float, str]:
 
 
 def check_single(owner: str, podium: Podium) -> None:
-    """Raise `ValueError` for a batch of podiums. Axes of modes, stories and columns are allowed."""
+    """Raise `ValueError` for a batch of podiums. Arrays over modes, stories and columns are allowed."""
     if any(np.ndim(y) for y in jax.tree.leaves(podium.split_rows())):
         raise ValueError(
             f"{owner}: podium must have scalar parameters; call the function once for each podium"
@@ -58,16 +61,17 @@ def as_start(owner: str, initial, podium: Podium) -> State:
     """Convert the initial state of the scenes to arrays.
 
     - `owner`: name of the calling function, for messages
-    - `initial`, `podium`: initial state and structure of the scenes
+    - `initial`: initial state
+    - `podium`: structure of the scenes
 
     If the superstructure has an axis of modes, `u_t` and `u_t_dot` become tuples with one array for each
-    mode. A scalar applies to all modes, as if all floors moved by this amount. Raises `ValueError` for wrong
-    types, and for a `u_t` or `u_t_dot` that is neither a scalar nor has one value for each mode.
+    mode. A scalar applies to all modes, as if all floors moved by this amount. Raises `ValueError` for a
+    wrong class, and for a `u_t` or `u_t_dot` that is neither a scalar nor has one value for each mode.
     """
     require_instance(owner, "initial", initial, State, "a rockjax.State")
     top = podium.superstructure
     if initial is REST and REST.theta.dtype == float_type() and (top is None or not top.has_mode_axis):
-        return initial  # not converted, because copies to the device take most of the time of small batches
+        return initial  # unchanged, because a copy to the device would take most of the time of a small batch
     initial = jax.tree.map(functools.partial(as_float, label=f"{owner}: initial"), initial)
     if top is None or not top.has_mode_axis:
         return initial
@@ -88,15 +92,16 @@ def as_end(owner: str, t_end) -> Array | None:
 
 
 def check_range(owner: str, podium: Podium, excitation: AbstractExcitation, t_end, options: Options) -> None:
-    """Check the dtype of the excitation, and the arguments against each other unless JAX traces them.
+    """Check the floating-point type of the excitation, the overturn ratio, and the end of the scenes.
 
     - `owner`: name of the calling function, for messages
     - `podium`, `excitation`, `options`: structure, ground motion and options of the scenes
     - `t_end`: end of the scenes [s], or None
 
-    Raises `ValueError` for floats of another type than JAX's default; for an `overturn_ratio` out of range,
-    as in `check_overturn_ratio`; and if `t_end` is not finite or not after the (earliest) start of the
-    excitation.
+    Raises `ValueError` in three cases: an array of the excitation does not have JAX's default floating-point
+    type; `check_overturn_ratio` rejects the overturn ratio; or `t_end` is not finite, or not after the start
+    of the excitation. For a batch of excitations, the earliest start counts. Values that JAX traces are not
+    checked.
     """
     check_dtype(owner, "excitation", excitation)
     check_overturn_ratio(owner, podium, options)
@@ -110,8 +115,9 @@ def check_range(owner: str, podium: Podium, excitation: AbstractExcitation, t_en
 
 
 def check_overturn_ratio(owner: str, podium: Podium, options: Options) -> None:
-    """Raise `ValueError`, with `owner` in its message, if `overturn_ratio` exceeds π/(2α), or if the margin
-    is requested and `overturn_ratio` exceeds θ_s/α, where θ_s is the stability angle of the columns."""
+    """Raise `ValueError` if `overturn_ratio` exceeds π/(2α). If the overturning margin is requested, also
+    raise it if a ratio above 1 exceeds θ_s/α, with the stability angle θ_s of the columns, (C7) of
+    docs/equations.md. The message names `owner`."""
     alpha, ratio = concrete(podium.alpha), concrete(options.overturn_ratio)
     if alpha is not None and ratio is not None:
         limit = float(np.pi / 2 / alpha.max())
@@ -121,8 +127,8 @@ def check_overturn_ratio(owner: str, podium: Podium, options: Options) -> None:
 
 
 def _check_margin(owner: str, podium: Podium, ratio: np.ndarray) -> None:
-    """Raise `ValueError` if the overturn ratio exceeds θ_s/α. Beyond the stability angle θ_s a column may
-    still return, so that the margin is undefined."""
+    """Raise `ValueError` if the overturn ratio exceeds θ_s/α. There is no margin then: a column beyond the
+    stability angle θ_s may still return while the ground moves, so its outcome is open."""
     limit = concrete(podium.stability_angle / podium.alpha)
     if limit is not None:
         least = float(limit.min())
@@ -132,7 +138,7 @@ def _check_margin(owner: str, podium: Podium, ratio: np.ndarray) -> None:
         require(owner, "options.overturn_ratio", ratio, lambda v: v <= least, accepted)
 
 
-IN_G = 0.05, 1.0  # range of amplitudes [m/s²] that lift almost no structure, and were perhaps given in g
+IN_G = 0.05, 1.0  # amplitudes in this range [m/s²] lift almost no structure; they may be meant in g
 
 
 def warn_of_amplitude_in_g(owner: str, podium: Podium, excitation: AbstractExcitation) -> None:

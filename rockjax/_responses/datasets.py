@@ -1,5 +1,7 @@
-"""Attributes of result files (parameters, tolerances and versions), and the podium that attributes
-describe."""
+"""Attributes of result files: parameters, tolerances and versions.
+
+`podium_of` recreates the podium from the attributes.
+"""
 
 from __future__ import annotations
 
@@ -92,9 +94,12 @@ def describe_podium(podium: Podium) -> dict[str, Any]:
 
 
 def _describe_superstructure(top: AbstractSuperstructure | None) -> dict[str, Any]:
-    """Return the attributes of a superstructure. They contain its class and, if its fields have axes of modes
-    or stories, also η, all fields as JSON, the number of stories of a `ShearBuilding`, and the longest period
-    if the superstructure vibrates."""
+    """Return the attributes of a superstructure: the name of its class, or "none".
+
+    If the fields have an axis of modes or stories, the attributes also contain the mass ratio η and all
+    fields as JSON; for a `ShearBuilding` the number of stories; and for a superstructure that vibrates the
+    longest period [s].
+    """
     attributes: dict[str, Any] = {"superstructure": "none" if top is None else type(top).__name__.lower()}
     if top is None or not top.rows:
         return attributes
@@ -115,7 +120,7 @@ def _fields_as_json(structure: AbstractSuperstructure | Elevation) -> str:
 
 
 def _restrainers_as_json(restrainers: Sequence[AbstractRestrainer]) -> str:
-    """Return a JSON list of restrainers, each with its class as `kind` and with its fields."""
+    """Return a JSON list with a dict for each restrainer: its fields, and the name of its class as `kind`."""
     rows = []
     for restrainer in restrainers:
         values = {field.name: getattr(restrainer, field.name) for field in dataclasses.fields(restrainer)}
@@ -156,8 +161,8 @@ def podium_of(attributes: Mapping[str, Any]) -> Podium:
 
 
 def describe_excitation(excitation: AbstractExcitation) -> dict[str, Any]:
-    """Return the class and the scalar parameters of a ground motion, and further properties of a record, for
-    the attributes of a file."""
+    """Return the attributes of a ground motion: its class, its scalar parameters and, for a record, further
+    properties. Attributes of a vertical component start with `vertical_`."""
     if isinstance(excitation, GroundMotion):
         vertical = {f"vertical_{name}": y for name, y in describe_excitation(excitation.vertical).items()}
         return describe_excitation(excitation.horizontal) | vertical

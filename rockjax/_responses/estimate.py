@@ -22,20 +22,21 @@ from rockjax._outputs.registry import VARIABLES, variables_of
 from rockjax._outputs.values import by_name
 from rockjax._tree import Module
 
-# The true error of the rotation is below this multiple of its estimate in 99.86 % of two million random
-# scenes (docs/verification.md). If an error of this size could change the outcome, a scene is undecided.
+# The true error of the rotation is below SAFETY times its estimate in 99.86 % of two million random scenes
+# (docs/verification.md). A scene is undecided if an error of SAFETY times the estimate could change whether
+# the columns overturn.
 SAFETY = 10.0
 TOLERANCE_RATIO = 0.1  # second tolerance divided by the first, unless rounding prevents this
-# Two solutions have diverged if their sums of `EnergeticImpacts` differ by more than this. A change of the
-# speed of one impact with |θ̇⁻| = pα by 1/16 % has this effect. The lower this threshold, the less likely
-# it is that chaotic solutions agree by chance.
+# Two solutions have diverged if their weighted sums over impacts (`EnergeticImpacts` in _outputs/impacts.py)
+# differ by more than this. For example, the sum changes by this amount if the speed of one impact with
+# |θ̇⁻| = pα changes by 1/16 %. A lower threshold makes it less likely that chaotic solutions agree by chance.
 SUM_DIFFERENCE = 0.005
-# Rocking is chaotic if the peak rotations of both solutions differ by more than CHAOTIC_RTOLS times `rtol`
-# and by more than CHAOTIC_CHANGE, relative to the peak. Their difference is then random, and does not
-# estimate the error.
+# Rocking is chaotic if the difference between the peak rotations of the two solutions, divided by the peak
+# rotation, exceeds both CHAOTIC_RTOLS times `rtol` and CHAOTIC_CHANGE. Such a difference is random and does
+# not estimate the error.
 CHAOTIC_RTOLS, CHAOTIC_CHANGE = 1e5, 1e-3
-# Two solutions have diverged if their overturning times, multiplied by p, differ by more than this [–]. A
-# change of the distance to the overturning boundary by 1 % has this effect.
+# Two solutions have diverged if their overturning times, multiplied by p, differ by more than this [–]. Close
+# to the overturning boundary, a change of the distance to the boundary by 1 % has this effect.
 FALL_DIFFERENCE = 0.01
 STRIDE_FACTOR = 0.7  # factor on the largest step length in the second solution
 
@@ -43,14 +44,19 @@ STRIDE_FACTOR = 0.7  # factor on the largest step length in the second solution
 class Errors(Module):
     """Estimated errors of the answers of a scene, and whether its outcome is undecided.
 
+    The errors are differences between two solutions of the scene.
+
     - `peak_rotation` [–], `peak_deformation` [m], `peak_shear` [–], …: estimated absolute errors of the
-      answers with these names. An error is inf if one of the two solutions did not finish, NaN or None where
-      the answer itself is, and None for answers without an estimate, such as times
-    - `undecided`: True if the solutions differ in whether the columns overturn, if an error of ten times the
-      estimate could change this, if one of the two solutions did not finish, or if rocking is chaotic.
-      Rocking is chaotic if the solutions differ in impacts after which columns can overturn, in the time of
-      overturning, or in the peak rotation by more than both 10⁵ `rtol` and 10⁻³, relative to the peak
+      answers with these names. An error is inf if one of the two solutions did not finish. It is NaN or None
+      if the answer is NaN or None, and None for answers without an estimate, such as times
+    - `undecided`: True in four cases: the columns overturn in only one of the two solutions; an error of ten
+      times the estimate could change whether they overturn; one of the solutions did not finish; or rocking
+      is chaotic
     - `values`: the estimated errors by name
+
+    Rocking counts as chaotic if one of three differences between the solutions is too large: the difference
+    of the impacts, among which slow impacts count little; more than 0.01/p between the times of overturning;
+    or more than both 10⁵ `rtol` and 10⁻³ between the peak rotations, relative to the peak.
     """
 
     values: dict[str, Any]
@@ -61,7 +67,7 @@ class Errors(Module):
 
 
 def second_options(options: Options) -> Options:
-    """Return the options of the second solution, from those of the first."""
+    """Return the options of the second solution. `options` are those of the first."""
     rtol, atol = options.rtol, options.atol
     larger = max if isinstance(atol, int | float) else jnp.maximum
     finer, looser = (
@@ -69,7 +75,8 @@ def second_options(options: Options) -> Options:
         (rtol / TOLERANCE_RATIO, atol / TOLERANCE_RATIO),
     )
     can_be_finer = TOLERANCE_RATIO * rtol >= 100 * float(np.finfo(float_type()).eps)
-    if isinstance(can_be_finer, bool):  # Python numbers, so that the program of the first solution is reused
+    # Python numbers stay Python numbers, so that both solutions use the same compiled program.
+    if isinstance(can_be_finer, bool):
         tolerances = finer if can_be_finer else looser
     else:
         tolerances = jax.tree.map(lambda a, b: jnp.where(can_be_finer, a, b), finer, looser)
@@ -77,20 +84,20 @@ def second_options(options: Options) -> Options:
 
 
 def _have_diverged(a: dict[str, Any], b: dict[str, Any], xp) -> Any:
-    """Return whether two solutions differ in the impacts after which columns can overturn.
+    """Return True if two solutions differ in their impacts or in their times of overturning.
 
-    - `a`, `b`: for each solution, its floats by name. `energetic` is the sum over impacts that
-      `EnergeticImpacts` defines, `last_energetic` the share of the last impact in this sum, and `fall_time`
-      the time of overturning multiplied by p
+    - `a`, `b`: floats of the two solutions by name: `energetic`, the weighted sum over impacts of
+      `EnergeticImpacts`, in which slow impacts count little; `last_energetic`, the contribution of the last
+      impact to this sum; and `fall_time`, the time of overturning multiplied by p
     - `xp`: NumPy or jax.numpy
 
-    Peaks alone do not show a divergence, because the solutions may diverge after their peaks, and both may
-    survive by chance. Solutions that agree except for one more impact at the end of one of them have not
-    diverged. If both overturn, their times of overturning are also compared.
+    The peaks alone do not show that solutions have diverged: solutions may diverge after their peaks, and
+    both may survive by chance. Two solutions that differ only by one more impact at the end of one of them
+    have not diverged. Times of overturning are compared if both solutions overturn.
     """
     difference, last = a["energetic"] - b["energetic"], (a["last_energetic"], b["last_energetic"])
     if_one_more = xp.minimum(abs(difference - last[0]), abs(difference + last[1]))
-    # Sums may be equal by chance although the last impacts differ.
+    # The sums may be equal by chance; the last impacts then differ.
     equal_by_chance = (abs(last[0] - last[1]) > SUM_DIFFERENCE) & (xp.minimum(*last) > SUM_DIFFERENCE)
     if_same_count = xp.where(equal_by_chance, xp.inf, abs(difference))
     falls_differ = abs(a["fall_time"] - b["fall_time"]) > FALL_DIFFERENCE  # False if one time is NaN
@@ -119,8 +126,8 @@ def errors(first: tuple[dict[str, Any], dict[str, Any]], second, options: Option
 
     rotation = difference_of("peak_rotation")
     overturned = integers["overturned"]
-    # `fall` is proportional to the kinetic energy at the overturning angle, which is zero for a scene on the
-    # boundary between survival and overturning.
+    # `fall` is proportional to the kinetic energy at the overturning angle. A scene on the boundary between
+    # survival and overturning has the kinetic energy 0 there.
     is_close = xp.where(
         overturned,
         a["fall"] < SAFETY * difference_of("fall"),

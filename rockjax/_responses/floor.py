@@ -1,10 +1,10 @@
 """The motion of floors (the deck, stories, and weighted sums of modes): accelerations and velocity jumps.
 
-At an impact the velocity of the deck (the beam) jumps. The accelerations do not contain these velocity jumps,
-which are given separately. The *bodies* are the modes of the superstructure and the beam. The *history* of a
+At an impact the velocity of the deck (the beam) jumps. The accelerations do not contain the velocity jumps,
+which are separate results. The *bodies* are the modes of the superstructure and the beam. The *history* of a
 scene is the sequence of its accepted steps; the ends of the steps are the *nodes*. A scene is divided into
-*pieces*, in which the accelerations of all bodies are smooth. The equations (L…) are in docs/floors.md and
-docs/equations.md.
+*pieces*, in which the accelerations of all bodies are smooth. A *rigid podium* has a rigid superstructure or
+none. The equations (L…) are in docs/floors.md and docs/equations.md.
 """
 
 from __future__ import annotations
@@ -42,15 +42,18 @@ from . import history
 MIN_BEAM_WEIGHT = 1e-12  # a smaller weight of the beam, |1 − ΣW_i|, counts as zero
 
 DEGREE = 7  # degree of the polynomials of accelerations
-MAX_LAST_COEFFICIENT = 1e-8  # limit of the last Chebyshev coefficient divided by the largest acceleration
+# A polynomial is accurate if its last Chebyshev coefficient, divided by the largest acceleration, is at most
+# this.
+MAX_LAST_COEFFICIENT = 1e-8
 MAX_HALVINGS = 12  # largest number of times that a piece is halved
 # A ground motion is divided into at least this many pieces, because a single step in full contact may cover
 # the whole motion.
 MOTION_PIECES = 64
 # Chebyshev points of a piece, at which polynomials are fitted, as fractions z ∈ [0, 1] of the piece.
 POINTS = 0.5 - 0.5 * np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))
-TO_TERMS = np.linalg.inv(np.vander(POINTS, increasing=True)).T  # values at the points → coefficients of z^k
-# Values at the points → coefficient of the last Chebyshev polynomial.
+# Matrix from values at the points to coefficients of z^k.
+TO_TERMS = np.linalg.inv(np.vander(POINTS, increasing=True)).T
+# Row that maps values at the points to the coefficient of the last Chebyshev polynomial.
 TO_LAST = np.linalg.inv(np.polynomial.chebyshev.chebvander(2 * POINTS - 1, DEGREE))[-1]
 
 
@@ -74,34 +77,36 @@ class Bodies(NamedTuple):
 
     @property
     def accelerations(self) -> Any:
-        """Accelerations of modes and beam, then the vertical acceleration of the beam."""
+        """Accelerations of the modes and of the beam, then the vertical acceleration of the beam, shape
+        (n, modes + 2) [m/s²]."""
         return array_module(self.vertical_acceleration).concatenate(
             [self.acceleration, self.vertical_acceleration[:, None]], axis=1
         )
 
     @property
     def velocities(self) -> Any:
-        """Velocities of modes and beam, then the vertical velocity of the beam."""
+        """Velocities of the modes and of the beam, then the vertical velocity of the beam, shape
+        (n, modes + 2) [m/s]."""
         return array_module(self.vertical_velocity).concatenate(
             [self.velocity, self.vertical_velocity[:, None]], axis=1
         )
 
 
 def bodies(scene: history.Solved, t, left, node) -> Bodies:
-    """Return the motion of modes and beam at given times.
+    """Return the motion of modes and beam at given times; NaN outside the scene.
 
     - `scene`: solved scene
     - `t`: times, shape (n,) [s]
-    - `left`: whether to return the motion just before the time, shape (n,)
-    - `node`: index of the node of the history from which to step to the time, shape (n,); −1 for the last
-      node at or before the time (with `left`, before the time)
+    - `left`: True to return the motion just before the time, shape (n,)
+    - `node`: index of the node from which to step to the time, shape (n,); −1 for the last node at or before
+      the time (with `left`, before the time)
     """
     podium, excitation, nodes, end, method, rtol = scene
     c, nodes = history.constants(podium, excitation, rtol), jax.tree.map(jnp.asarray, nodes)
 
     def at(t, left, node):
-        # The motion just before t is evaluated one rounding error earlier, and so before an event or a
-        # breakpoint at t.
+        # The motion just before t is evaluated one rounding error earlier, so that an event or a breakpoint
+        # at t does not affect it.
         t = jnp.where(left, t - jnp.finfo(t.dtype).eps * jnp.maximum(jnp.abs(t), 1.0), t)
         node = jnp.where(node < 0, history.node_before(nodes, t, jnp.zeros((), bool)), node)
         sigma, ground, x, v = history.sample(c, excitation, nodes, method, node, t)
@@ -137,15 +142,15 @@ def breakpoints_and_support(excitation: AbstractExcitation) -> tuple[Array, tupl
 
 
 def evaluate_padded(scene: history.Solved, t: np.ndarray, left: np.ndarray, node: np.ndarray) -> Bodies:
-    """Return the motion of modes and beam at n times, as `bodies` does. The number of times is padded to one
-    of a few sizes, so that few programs are compiled."""
+    """Return the motion of modes and beam at n times, as `bodies` does. The arguments are padded to one of a
+    few sizes, so that few programs are compiled."""
     motion = bodies_program(scene, *pad(t, left, node))
     return jax.tree.map(lambda y: np.asarray(y)[: t.size], motion)
 
 
 def pad(t: np.ndarray, left: np.ndarray, node: np.ndarray) -> tuple[Any, Any, np.ndarray]:
-    """Return arguments of `bodies`, of shape (n,), padded to one of a few sizes by repeating the last
-    entry."""
+    """Return the arguments of `bodies`, shape (n,), padded to one of a few sizes: the last entries are
+    repeated."""
     times, flags = history.pad_times(t, left)
     nodes = np.pad(node, (0, times.size - t.size), mode="edge") if t.size else node
     return times, flags, nodes.astype(np.int32)
@@ -155,8 +160,9 @@ def floor_weights(owner: str, podium: Podium, level: Any, weights: Any = None) -
     """Return the weights W_i of the modes in the motion of a floor, (L2), shape (modes,).
 
     - `owner`: name of the calling function, for messages
+    - `podium`: the structure
     - `level`: "deck" or the number of a story from the bottom; ignored if `weights` are given
-    - `weights`: weights of the modes, or None for those of the level
+    - `weights`: weights of the modes; None for the weights of the level
 
     The weight of the beam is 1 − ΣW_i. Raises `ValueError` if the structure does not have the level, or if
     `weights` does not have one value for each mode.
@@ -202,8 +208,8 @@ class Pieces(NamedTuple):
     """The n pieces of a scene, in which all accelerations are smooth.
 
     - `start`, `length`: start and length of each piece, shape (n,) [s]
-    - `node`: index of the node of the history from which each piece starts, shape (n,)
-    - `is_impact`: whether the piece starts with an impact, shape (n,)
+    - `node`: index of the last node at or before the start of each piece, shape (n,)
+    - `is_impact`: True for a piece that starts with an impact, shape (n,)
     """
 
     start: np.ndarray
@@ -213,7 +219,7 @@ class Pieces(NamedTuple):
 
     @property
     def points(self) -> tuple[np.ndarray, np.ndarray]:
-        """Times at which polynomials are fitted [s], and the node of the history for each time, both of shape
+        """Times at which polynomials are fitted [s], and the index of the node for each time, both of shape
         (n · points,)."""
         t = self.start[:, None] + self.length[:, None] * POINTS
         return t.ravel(), np.repeat(self.node, POINTS.size)
@@ -224,10 +230,10 @@ class Pieces(NamedTuple):
 
 
 class PieceMotions(NamedTuple):
-    """Motion of modes and beam in n pieces. Here the vertical motion of the beam counts as the last body.
+    """Motion of modes and beam in n pieces. The vertical motion of the beam counts as the last body.
 
-    - `terms`: coefficients c_k of the absolute accelerations Σ c_k z^k, where z runs from 0 to 1 over the
-      piece, shape (n, DEGREE + 1, bodies) [m/s²]
+    - `terms`: coefficients c_k of the absolute accelerations Σ c_k z^k, shape (n, DEGREE + 1, bodies) [m/s²];
+      z runs from 0 to 1 over the piece
     - `jumps`: velocity jumps at the start of each piece, shape (n, bodies) [m/s]
     """
 
@@ -236,20 +242,23 @@ class PieceMotions(NamedTuple):
 
 
 def terms_of(accelerations: np.ndarray) -> np.ndarray:
-    """Return the coefficients c_k of polynomials, shape (n, DEGREE + 1, bodies), from their values at
-    `POINTS`, shape (n, points, bodies)."""
+    """Return the coefficients c_k of polynomials, shape (n, DEGREE + 1, bodies), from the values of the
+    polynomials at `POINTS`, shape (n, points, bodies)."""
     return np.einsum("npb,pk->nkb", accelerations, TO_TERMS)
 
 
 def before_and_at(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the arguments `t`, `left` and `node` of `bodies`, first for instants just before the times t,
-    then for the times t."""
+    """Return the arguments `t`, `left` and `node` with which `bodies` returns the motion first just before
+    the times t (n,), then at the times t; shape (2n,)."""
     return np.tile(t, 2), np.repeat([True, False], t.size), np.full(2 * t.size, -1)
 
 
 def pieces_of(scene: history.Solved, end: float) -> tuple[Pieces, PieceMotions]:
-    """Divide a scene at its nodes and at breakpoints of the ground motion into pieces, and halve pieces until
-    the polynomials are accurate, at most `MAX_HALVINGS` times. Return the pieces and the motion in them.
+    """Divide a scene into pieces, and return the pieces and the motion in them.
+
+    The scene is divided at its nodes, at breakpoints of the ground motion, and at the ends of `MOTION_PIECES`
+    equal parts of the ground motion. Pieces are then halved until the polynomials are accurate, at most
+    `MAX_HALVINGS` times.
 
     - `scene`: solved scene; `end`: end of the last piece [s]
     """
@@ -287,7 +296,7 @@ def pieces_of(scene: history.Solved, end: float) -> tuple[Pieces, PieceMotions]:
 
 
 def load_of(pieces: Pieces, motion: PieceMotions, weights: np.ndarray) -> Load:
-    """Return the acceleration and the velocity jumps of one floor, (L2), (L3).
+    """Return the accelerations and velocity jumps of one floor as the load of oscillators, (L2), (L3).
 
     - `pieces`, `motion`: pieces of the scene, and the motion of the bodies in them
     - `weights`: weights of the modes, of the beam, and of the vertical motion of the beam, shape (bodies,)
@@ -299,8 +308,8 @@ def load_of(pieces: Pieces, motion: PieceMotions, weights: np.ndarray) -> Load:
 
 
 def in_direction(weights: Any, direction: str) -> Any:
-    """Return the weights of all bodies in the motion of a floor in one direction, shape (bodies,).
-    Vertically, all floors move with the beam.
+    """Return the weights of all bodies in the motion of a floor in one direction, shape (bodies,). The last
+    weight is that of the vertical motion of the beam. Vertically, all floors move with the beam.
 
     - `weights`: weights of the modes and the beam, as returned by `with_beam`
     - `direction`: "horizontal" or "vertical"
@@ -325,7 +334,7 @@ class FloorMotion(Module):
     under `jit`.
 
     - `weights`: weights W_i of the modes, (L2) [–]; the weight of the deck is 1 − ΣW_i
-    - `level`: "deck", the number of the story, or "weights"
+    - `level`: "deck", the number of the story, or "weights" for a sum of modes
     - `impulse_times`: times of the impacts [s], at which velocities jump; padded with NaN under `jit`
     - `podium`, `excitation`, `nodes`, `end_time`: structure, ground motion, history and end [s] of the scene
 
@@ -349,19 +358,20 @@ class FloorMotion(Module):
         return self.podium, self.excitation, self.nodes, self._limit, self._method, self._rtol
 
     def acceleration(self, t: Float[ArrayLike, "*times"], left: bool = False) -> Float[Array, "*times"]:
-        """Return the absolute horizontal acceleration at times t [s], (L1), (L2) [m/s²]; with `left=True`
-        just before these times, for example before an impact."""
+        """Return the absolute horizontal acceleration at times t [s], (L1), (L2) [m/s²]. With `left=True`,
+        return the acceleration just before these times, for example before an impact."""
         return self._at(t, left, lambda motion: self._of_floor(motion.acceleration))
 
     def vertical_acceleration(
         self, t: Float[ArrayLike, "*times"], left: bool = False
     ) -> Float[Array, "*times"]:
-        """Return the absolute vertical acceleration, upwards, at times t [s], (L1) [m/s²]. It is the same for
-        the deck and all floors."""
+        """Return the absolute vertical acceleration, upwards, at times t [s], (L1) [m/s²], with `left=True`
+        just before these times. The deck and all floors have the same vertical acceleration."""
         return self._at(t, left, lambda motion: motion.vertical_acceleration)
 
     def velocity(self, t: Float[ArrayLike, "*times"], left: bool = False) -> Float[Array, "*times"]:
-        """Return the horizontal velocity relative to the ground [m/s] at times t [s]."""
+        """Return the horizontal velocity relative to the ground [m/s] at times t [s], with `left=True` just
+        before these times."""
         return self._at(t, left, lambda motion: self._of_floor(motion.velocity))
 
     def displacement(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
@@ -370,8 +380,8 @@ class FloorMotion(Module):
 
     @property
     def velocity_jumps(self) -> Float[Array, " impacts"]:
-        """Jumps Δv of the horizontal velocity at the impacts, (L3) [m/s]. They are zero if the weights W_i
-        sum to 1, as for every story of a building with all modes."""
+        """Jumps Δv of the horizontal velocity at the impacts, (L3) [m/s]. The jumps are zero if the weights
+        W_i sum to 1, as for every story of a building with all modes."""
         return self._jumps(lambda motion: motion.velocity[..., -1] * with_beam(self.weights)[-1])
 
     @property
@@ -381,7 +391,7 @@ class FloorMotion(Module):
 
     @property
     def peak_acceleration(self) -> float:
-        """Peak horizontal acceleration |a| of the floor in the scene [m/s²]. It includes the values just
+        """Largest horizontal acceleration |a| of the floor in the scene [m/s²], including the values just
         before and just after events, but not the velocity jumps."""
         return largest_acceleration(self.load())
 
@@ -393,8 +403,9 @@ class FloorMotion(Module):
     def last(self, end: float | None = None) -> float:
         """Return the time up to which the motion of the floor can be evaluated [s].
 
-        The result is the end of the scene. For a rigid podium that rests for good, it is the later of the
-        end of the scene and `end` [s], which is by default the end of the ground motion.
+        This time is the end of the scene, except for a rigid podium that rests for good. For such a podium it
+        is the end of the scene or `end` [s], whichever is later; `end` is by default the end of the ground
+        motion.
         """
         scene_end = float(self.end_time)
         if np.isfinite(self._limit):
@@ -408,8 +419,8 @@ class FloorMotion(Module):
         the scene, and the velocity jumps between the pieces.
 
         - `direction`: "horizontal" or "vertical"
-        - `end`: end of the last piece [s] for a rigid podium that rests for good, as for `last`; without
-          effect otherwise
+        - `end`: end of the last piece [s], as for `last`; it has an effect only for a rigid podium that rests
+          for good
         """
         pieces, motion = pieces_of(self.scene, self.last(end))
         return load_of(pieces, motion, in_direction(with_beam(np.asarray(self.weights)), direction))
@@ -420,10 +431,11 @@ class FloorMotion(Module):
         - `dt`: sampling interval, > 0 [s]
         - `direction`: "horizontal" or "vertical"
 
-        Sample k is ∫a ∧(t−t_k) dt + ΣΔv ∧(t_i−t_k) over all impacts i, with the hat function ∧(τ) =
-        max(0, 1−|τ|/dt)/dt. The final velocity and displacement are exact, and spectra at a period T have an
-        error of O((dt/T)²). The peak of the samples depends on dt and must not be used. The record starts one
-        interval before the scene and ends with a zero.
+        The sample at the time t_k is ∫a ∧(t−t_k) dt + Σ_i Δv_i ∧(t_i−t_k), with the acceleration a, the
+        velocity jump Δv_i of the impact at t_i, and the hat function ∧(τ) = max(0, 1−|τ|/dt)/dt. The final
+        velocity and displacement are exact. Spectra at a period T have an error of the order (dt/T)². The
+        peak of the samples depends on dt and must not be used. The record starts one interval before the
+        scene and ends with a zero.
         """
         owner = "FloorMotion.to_record"
         dt = require_number(owner, "dt", dt, lambda v: v > 0, "finite and > 0 s")
@@ -457,7 +469,7 @@ class FloorMotion(Module):
 
 
 def largest_acceleration(load: Load) -> float:
-    """Return the largest |a| of a load, at the ends of the pieces or at turning points inside [m/s²]."""
+    """Return the largest |a| of a load [m/s²], at an end of a piece or at a turning point inside."""
     at_ends = np.concatenate([load.terms[:, 0], load.terms.sum(axis=1)])
     largest = float(np.abs(at_ends).max())
     # |a| in a piece is at most the sum of its coefficients. Pieces that cannot exceed `largest` are skipped.
@@ -470,8 +482,8 @@ def largest_acceleration(load: Load) -> float:
 
 
 def _displacement(load: Load, t: np.ndarray) -> np.ndarray:
-    """Return the displacement at times t [m], from the acceleration and the velocity jumps. It is zero up to
-    the start of the load."""
+    """Return the displacement at times t [m], from the acceleration and the velocity jumps. The displacement
+    is zero up to the start of the load."""
     k = np.arange(load.terms.shape[1])
     h = load.length[:, None]
     velocity_terms = h * load.terms / (k + 1)  # coefficients of (τ/h)^(k+1)

@@ -15,22 +15,23 @@ from rockjax._tree import Module
 
 
 class ContentsAnswer(Module):
-    """The answers of [`rockjax.Contents`][], a block with the rotation φ and the slenderness α_c.
+    """The answers of [`rockjax.Contents`][], a block with the rotation φ [rad] and the slenderness α_c [rad].
 
     - `peak_rotation`: max|φ|/α_c, at most the `overturn_ratio` of the block [–]; `peak_rotation_time`: time
       at which this rotation is first reached [s]
     - `margin`: overturning margin of the block [–], as in [`rockjax.Peak`][]: 1 if the block never rocks,
       negative if it overturns
-    - `uplifted`: the block rocks, first at `uplift_time` [s] (NaN if not); `started_by_impulse`: the block
-      started to rock at an impact of the structure
-    - `overturned`: |φ| reached `overturn_ratio`·α_c, at `overturn_time` [s] (NaN if not)
+    - `uplifted`: True if the block rocks; `uplift_time`: time at which it first starts to rock [s], NaN if it
+      never rocks; `started_by_impulse`: True if an impact of the structure started it
+    - `overturned`: True if |φ| reached `overturn_ratio`·α_c; `overturn_time`: time of overturning [s], NaN if
+      the block did not overturn
     - `impacts`: number of impacts of the block on the floor
     - `friction_demand`: largest |T|/N with the horizontal force T and the vertical force N at the foot of the
-      block [–], (L15). It covers rest, rocking, impacts on the floor, and velocity jumps of the floor, and is
+      block [–], (L15), at rest, while rocking, at impacts on the floor and at velocity jumps of the floor;
       inf if the foot would lift off
-    - `until_overturning`: the structure overturned; the answers cover the time until then
-    - `result`: a [`rockjax.RESULTS`][]. If the scene of the structure did not finish, it is the result of the
-      structure, and all numbers except `impacts` are NaN
+    - `until_overturning`: True if the structure overturned; the answers then cover the time until it did
+    - `result`: result of the block, a [`rockjax.RESULTS`][]. If the scene of the structure did not finish,
+      `result` is that of the structure, and all numbers except `impacts` are NaN
     """
 
     peak_rotation: Float[Array, "*batch"]
@@ -50,9 +51,9 @@ class ContentsAnswer(Module):
 class OscillatorAnswer(Module):
     """The answers of an [`rockjax.Oscillator`][], (L6).
 
-    They cover the time up to the end of the scene. If the floor rests for good, they also cover the free
-    vibration of the oscillator after the end. The oscillator has the frequency ω = 2π/period, the damping
-    ratio ζ, and the displacement x relative to the floor.
+    The answers cover the time up to the end of the scene. If the floor rests for good, they also cover the
+    free vibration of the oscillator after the end. The oscillator has the frequency ω = 2π/period [rad/s],
+    the damping ratio ζ, and the displacement x relative to the floor [m].
 
     - `relative_displacement`: S_d = max|x| [m]
     - `pseudo_acceleration`: PSA = ω²S_d [m/s²]
@@ -60,9 +61,9 @@ class OscillatorAnswer(Module):
       jumps of the floor
     - `remaining_ratio`: upper bound of |x| after the end of the scene, divided by S_d [–]; inf if there is no
       bound. S_d is final if this ratio is at most 1
-    - `until_overturning`: the structure overturned; the answers cover the time until then
-    - `result`: a [`rockjax.RESULTS`][]. If the scene of the structure did not finish, it is the result of the
-      structure, and the numbers are NaN
+    - `until_overturning`: True if the structure overturned; the answers then cover the time until it did
+    - `result`: result of the oscillator, a [`rockjax.RESULTS`][]. If the scene of the structure did not
+      finish, `result` is that of the structure, and the numbers are NaN
     """
 
     relative_displacement: Float[Array, "*batch"]
@@ -73,7 +74,8 @@ class OscillatorAnswer(Module):
     result: RESULTS
 
 
-# Class of answers → (dim in datasets, which is also the prefix of the variables; name → (unit, description)).
+# For each class of answers: its dim in datasets, which is also the prefix of its variables; and the unit and
+# description of each variable.
 VARIABLES: dict[type, tuple[str, dict[str, tuple[str, str]]]] = {
     ContentsAnswer: (
         "contents",
@@ -106,8 +108,9 @@ VARIABLES: dict[type, tuple[str, dict[str, tuple[str, str]]]] = {
 
 
 def floor_variables(answers: Sequence[Any], dims: tuple[str, ...]) -> dict[str, Any]:
-    """Return the variables of a dataset for secondary systems on floors: `contents_peak_rotation` … with the
-    last dim `contents`, and `oscillator_pseudo_acceleration` … with the last dim `oscillator`.
+    """Return the variables of a dataset for secondary systems on floors. Variables of blocks, such as
+    `contents_peak_rotation`, have the last dim `contents`; variables of oscillators, such as
+    `oscillator_pseudo_acceleration`, have the last dim `oscillator`.
 
     - `answers`: answers for one scene or a batch, in the order in which the systems were given
     - `dims`: dims of the scenes; empty if the caller adds these dims
@@ -128,7 +131,7 @@ def floor_variables(answers: Sequence[Any], dims: tuple[str, ...]) -> dict[str, 
 
 
 def floor_rows(answers: Sequence[Any]) -> Iterator[tuple[str, str]]:
-    """Yield rows (label, value) about the secondary systems on the floors, for the table of a scene."""
+    """Yield rows (label, value) about secondary systems on floors, for the printed table of a scene."""
     for k, answer in enumerate(answers, 1):
         code = int(results.code_of(answer.result))
         is_block = isinstance(answer, ContentsAnswer)

@@ -49,7 +49,8 @@ class FloorCourse(NamedTuple):
 
     - `times`: times of the n nodes of the history [s]; inf after the last node. At events, their derivatives
       are those of the event times
-    - `accelerations`: absolute accelerations at the Chebyshev points `NODES` of each step [m/s²]
+    - `accelerations`: absolute accelerations at the Chebyshev points of each step, `NODES` of
+      `_excitations/piecewise.py` [m/s²]
     - `jumps`: velocity jumps at the nodes of the history [m/s]
     - `end`: time of the last node [s]
     - `ending`: quantities that bound the motion after the end; the bound is inf if the podium overturned
@@ -80,8 +81,8 @@ def course_of(scene: history.Solved, has_fallen: Array) -> FloorCourse:
     times = jnp.where(is_used, nodes.event_time, last)
     starts = jax.lax.stop_gradient(jnp.where(is_used, nodes.t, last))
     lengths = jnp.append(jnp.diff(starts), 0.0)
-    # The motion is evaluated at the `NODES` of every step, and then just before the impacts. The last of the
-    # `NODES` of a step is evaluated just before the end of the step.
+    # The motion is evaluated first at the `NODES` of every step, and then just before the impacts. The last
+    # of the `NODES` is the end of the step; there, the motion just before the end is used.
     is_impact = jnp.isfinite(nodes.impact_time) & is_used
     t = starts[:, None] + lengths[:, None] * (0.5 + 0.5 * jnp.asarray(NODES))[None, :]
     left = jnp.broadcast_to(NODES[-1] == NODES, t.shape)
@@ -95,8 +96,8 @@ def course_of(scene: history.Solved, has_fallen: Array) -> FloorCourse:
     accelerations = motion.accelerations[: t.size].reshape(*t.shape, -1)
     speed, vertical_velocity = motion.velocity[t.size :, -1], motion.vertical_velocity[t.size :]
     # An impact multiplies the horizontal velocity of the beam by e and the vertical velocity by −e, (L3). The
-    # velocities of modes do not jump. The impact that ends rocking is treated like the others, because in the
-    # model infinitely many smaller impacts follow it.
+    # velocities of modes do not jump. The impact that ends rocking is no exception: in the model, infinitely
+    # many smaller impacts would follow it, and only these bring the beam to rest.
     e = jnp.maximum(scene[0].restitution_factor, 0.0)
     of_modes = jnp.zeros((rows.size, accelerations.shape[-1] - 2))
     of_beam = jnp.stack([(1 - e) * -speed, (1 + e) * -vertical_velocity], axis=-1)
@@ -130,7 +131,8 @@ def floor_course(
     """
     plan = without_fast_forwards(plan_for(podium, options, history=True))
     scene, state = prepare(podium, excitation, initial, t_end, options, plan)
-    # The tolerance does not limit the steps of a rigid podium in full contact, whose state is constant.
+    # In full contact the state of a rigid podium (with a rigid superstructure or none) is constant, so the
+    # tolerance does not limit its steps. A fraction of the duration of the ground motion does.
     start, excitation_end = excitation.support
     piece = jax.lax.stop_gradient((excitation_end - start) / MOTION_PIECES)
     longest = jnp.where(piece > 0, jnp.minimum(scene.max_excited_step, piece), scene.max_excited_step)

@@ -21,13 +21,15 @@ class Ending(NamedTuple):
     """Quantities at the end of a scene, from which bounds on the later motion of floors follow.
 
     - `rests`: whether the columns rest for good and the ground motion has ended
-    - `modes`: for each mode i with the displacement u_i relative to the ground, a bound on ∫|ü_i + ü_g| dt
-      after the end [m/s], valid if `rests` is True; inf for a mode that still vibrates and has a damping
-      ratio of 0
-    - `speed`: horizontal speed |u̇_b| of the beam at the end [m/s]; inf unless the ground motion has ended and
-      the podium has no vibrating superstructure, no restrainers and tan α < 1
-    - `impact_speed`: bound on |u̇_b| just before the next impact [m/s]; inf unless these conditions hold
+    - `modes`: for each mode i, with the displacement u_i relative to the ground, a bound on ∫|ü_i + ü_g| dt
+      after the end [m/s]. The bound is valid only if `rests` is True, and inf for a mode that still vibrates
+      with a damping ratio of 0
+    - `speed`: horizontal speed |u̇_b| of the beam at the end [m/s]
+    - `impact_speed`: bound on |u̇_b| just before the next impact [m/s]
     - `restitution`: restitution factor e, clipped to [0, 1]
+
+    Both speeds are inf unless four conditions hold: the ground motion has ended, no superstructure vibrates,
+    there are no restrainers, and tan α < 1.
     """
 
     rests: Any
@@ -53,15 +55,15 @@ def ending(scene: history.Solved, t) -> Ending:
         zeta = 0.5 * modes.damping / omega
         s = jnp.sqrt(jnp.maximum(1 - zeta**2, 0.0))
         z = jnp.hypot(v[1] + zeta * omega * x[1], s * omega * x[1])
-        # With |z| of (L5) and s = √(1 − ζ²), a mode on columns in full contact has |2ζωu̇ + ω²u| ≤
-        # ω|z|e^(−ζωt)/s at the time t after the end.
+        # With z of (L5) and s = √(1 − ζ²), a mode on columns in full contact has |2ζωu̇ + ω²u| ≤
+        # ω|z|e^(−ζωτ)/s at the time τ after the end, where u is its displacement.
         forces = jnp.where(s > 0, omega * z / jnp.where(s > 0, s, 1.0), jnp.inf)
         stays = weighted(modes.demand, jnp.where(z > 0, forces, 0.0)) < c.uplift
         integrals = jnp.where(zeta > 0, forces / jnp.where(zeta > 0, zeta * omega, 1.0), jnp.inf)
         integrals = jnp.atleast_1d(jnp.where(z > 0, integrals, 0.0))
         return Ending(is_over & (sigma == 0) & stays, integrals, inf, inf, e)
     speed = jnp.abs(beam(c, sigma, x[0], v[0])[1])
-    # ν of (L17): the speed |θ̇| just before the next impact if no energy is lost until then.
+    # ν of (L17): the rate |θ̇| just before the next impact, if no energy is lost until then.
     nu = jnp.sqrt(v[0] ** 2 + 2 * potential(c, sigma, x[0]) * c.gravity / (c.weight * c.inertia))
     has_bound = is_over & (c.restraint is None) & (c.sin_alpha < c.cos_alpha)
     no_modes = jnp.zeros((0,), t.dtype)
@@ -75,11 +77,11 @@ def bound_after_end(ending: Ending, weights: Any, damping: Any, is_vertical: boo
 
     - `ending`: quantities at the end of the scene
     - `weights`: weights W_i of the modes in the motion of the floor, shape (modes,)
-    - `damping`: damping ratios ζ of the oscillators on the floor
+    - `damping`: damping ratios ζ of the oscillators on the floor, in [0, 1) [–]
     - `is_vertical`: whether the oscillators move vertically
 
-    The result has the shape of `damping`, or is a scalar if the oscillators move vertically; it is inf where
-    there is no bound.
+    The result has the shape of `damping`; it is a scalar if the oscillators move vertically. It is inf where
+    no bound is known.
     """
     xp = array_module(ending, weights, damping)
     if is_vertical:
@@ -99,8 +101,8 @@ def bound_after_end(ending: Ending, weights: Any, damping: Any, is_vertical: boo
 
 def ratio_after_end(later: Any, largest: Any) -> Any:
     """Return the bound `later` of displacements after the end of a scene, divided by the `largest`
-    displacement before; inf if only `largest` is zero, and 0 if both are zero. The arguments may be
-    traced."""
+    displacement before the end. If `largest` is zero, the result is inf, or 0 if `later` is zero too. The
+    arguments may be traced."""
     xp = array_module(later, largest)
     ratio = later / xp.where(largest > 0, largest, 1.0)
     return xp.where(largest > 0, ratio, xp.where(later > 0, xp.inf, 0.0))

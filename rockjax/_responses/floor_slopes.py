@@ -1,6 +1,6 @@
 """Derivatives of floor motions with respect to the logarithms of named parameters, (L8) of docs/floors.md.
 
-Bodies, nodes and pieces are those of the module `floor`.
+The module `floor` defines bodies, nodes and pieces.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Solution(NamedTuple):
 
     - `nodes`: nodes of the history
     - `breakpoints`, `start`: breakpoints and start of the ground motion [s]
-    - `weights`: for each level, the weights of the modes in its motion, shape (modes,)
+    - `weights`: for each level, the weights of the modes in the motion of this floor, shape (modes,)
     - `slopes`: derivatives of (nodes, breakpoints, start, weights), with the parameters along the first axis
     """
 
@@ -94,8 +94,8 @@ def solve_with_slopes(
 def bodies_with_slopes(
     scene: history.Solved, node_slopes: Nodes, t, left, node, names: tuple[str, ...] = ()
 ) -> tuple[Bodies, Bodies]:
-    """Return the result of `bodies`, and its derivatives at fixed times, with the parameters along the first
-    axis.
+    """Return the result of `bodies`, and its derivatives at fixed times with respect to the logarithms of
+    named parameters. The derivatives have the parameters along the first axis.
 
     - `scene`: solved scene; `node_slopes`: derivatives of the nodes, with the parameters along the first axis
     - `t`, `left`, `node`: as for `bodies`
@@ -105,7 +105,7 @@ def bodies_with_slopes(
 
     def function(factors):
         changed = with_unit_factors(podium, excitation, names, factors)
-        # The derivatives of the nodes are at fixed times; `nodes.t` therefore stays constant.
+        # `node_slopes` are derivatives at fixed times, so `nodes.t` stays constant.
         move = lambda y, slope: y + jnp.tensordot(factors - 1, slope, axes=1)
         x, v = (jax.tree.map(move, *pair) for pair in ((nodes.x, node_slopes.x), (nodes.v, node_slopes.v)))
         changed_scene = (*changed, nodes._replace(x=x, v=v), end, method, rtol)
@@ -133,8 +133,8 @@ class Slopes(NamedTuple):
 
 
 def capacity_for(used: int) -> int:
-    """Return the capacity of a history for about `used` nodes, one of a few sizes, so that compiled programs
-    are reused."""
+    """Return the capacity of a history for about `used` nodes. It is one of a few sizes, so that compiled
+    programs are reused."""
     return common_size(used + used // 8 + 64, *history.NODES)
 
 
@@ -213,9 +213,9 @@ def slope_of_load(
 
     Let t' and Δv' be the derivatives of the time t of an event and of its velocity jump Δv, and let a⁻ and a⁺
     be the accelerations of the floor just before and just after the event. Velocities are relative to the
-    ground, whereas accelerations are absolute. The derivatives of the velocity at fixed times just before and
-    just after the event therefore differ by Δv' + (a⁻ − a⁺ + jump of ü_g) t'. Without the last term, this
-    difference is Δv' + (a⁻ − a⁺) t', the effect of the floor in (L8). The result has it as `kick`.
+    ground, but accelerations are absolute. The derivatives of the velocity at fixed times just before and
+    just after the event therefore differ by Δv' + (a⁻ − a⁺ + jump of ü_g) t'. (L8) needs this difference
+    without the jump of ü_g, Δv' + (a⁻ − a⁺) t', which is the field `kick` of the result.
     """
     row = in_direction(with_beam(weights), direction)
     row_slope = in_direction(np.append(change, -change.sum()), direction)
@@ -226,6 +226,6 @@ def slope_of_load(
     of_beam = motion.jumps[:, -2:] @ row_slope[-2:]  # velocities of modes do not jump at impacts
     kick = differences + np.where(pieces.is_impact, of_beam, 0.0)
     kick -= slope.ground[:, int(direction == "vertical")]
-    # Oscillators start at rest relative to the floor, so only −a⁺ t' is left at the start.
+    # Oscillators start at rest relative to the floor, so only the term −a⁺ t' remains at the start.
     kick[0] = -load.terms[0, 0] * slope.times[0]
     return Load(load.start, load.length, terms, kick, load.kick * slope.times, slope.times)

@@ -1,6 +1,7 @@
 """The motion at any time of a scene, from the nodes of its history, and the balance of energy.
 
-The nodes are the ends of the accepted steps. Equations with a number alone are in docs/model.md.
+The nodes are the ends of the accepted steps. Equations with a number alone are in docs/model.md, and (C1) is
+in docs/control.md.
 """
 
 from __future__ import annotations
@@ -36,10 +37,11 @@ POINTS = 10  # Gauss–Legendre points in each step; the quadrature error is far
 class Energies(Module):
     """Balance of energy: initial + input = mechanical + impacts + damping + dampers + residual.
 
-    All energies are divided by N m_c, the mass of all columns [m²/s²]. The beam moves by u_b horizontally and
-    by v_b vertically relative to the ground, Eq. (13) of docs/model.md. The superstructure has the
-    displacement u_t, the mass ratio η, the frequency ω_s and the damping ratio ζ; γ is the mass ratio of the
-    beam. A damper has the force C|ℓ̇|^ν, with the elongation ℓ of (C1) in docs/control.md.
+    All energies are divided by the mass N m_c of the N columns [m²/s²]. The ground has the accelerations ü_g
+    (horizontal) and v̈_g (vertical). Relative to the ground, the beam moves by u_b horizontally and by v_b
+    vertically, Eq. (13) of docs/model.md. The superstructure has the displacement u_t, the mass ratio η, the
+    frequency ω_s and the damping ratio ζ; γ is the mass ratio of the beam. A damper of the columns has the
+    force C|ℓ̇|^ν, with the elongation ℓ of (C1) in docs/control.md.
 
     - `mechanical`: kinetic energy relative to the ground, strain energy of the superstructure, and potential
       energy of gravity and tendons, Eqs. (16) to (19)
@@ -63,8 +65,8 @@ class Energies(Module):
         return self.initial + self.input - self.mechanical - self.impacts - self.damping - self.dampers
 
 
-# Podium, excitation, nodes, end of the scene, method for the motion between the nodes, and `rtol` (None if
-# there are no restrainers).
+# A solved scene: podium; excitation; nodes; end of the motion [s], inf if the podium rests for good; method
+# for the motion between the nodes; and `rtol`, None if there are no restrainers.
 Solved = tuple[Podium, AbstractExcitation, Nodes, Value, Any, Any]
 
 
@@ -104,15 +106,15 @@ def _quantities(c: Coefficients, sigma: Value, ground: Value, x: Vector, v: Vect
     return quantities
 
 
-# Arrays are padded to one of a few lengths, so that histories share compiled programs: up to FEW_TIMES times
-# to the length FEW_TIMES, more times to `common_size(count, *TIMES)`, and nodes to
-# `common_size(count, *NODES)`.
+# Arrays are padded to one of a few lengths, so that histories share compiled programs. An array of times is
+# padded to the length FEW_TIMES or, if it is longer, to `common_size(count, *TIMES)`. Arrays of nodes are
+# padded to `common_size(count, *NODES)`.
 FEW_TIMES, TIMES, NODES = 16, (8192, 4), (8192, 4)
 
 
 def pad_times(t, left):
-    """Pad times t (n,) and flags `left` (n,) by repeating the last entries. Traced and empty times are not
-    padded."""
+    """Pad times t (n,) and flags `left` (n,) to one of a few lengths by repeating the last entries. Traced
+    and empty times are not padded."""
     if concrete(t) is None or not t.size:
         return t, left
     padding = (FEW_TIMES if t.size <= FEW_TIMES else common_size(t.size, *TIMES)) - t.size
@@ -144,8 +146,8 @@ def sample(
     """
     sigma, start = nodes.sigma[k], nodes.t[k]
     piece = nodes.piece[k]
-    # Without a vibrating superstructure, one step in full contact may cover many pieces of the ground motion,
-    # so the piece is the one at t.
+    # Without a vibrating superstructure, one step in full contact may cover many pieces of the ground motion.
+    # The piece that contains t is then used.
     if c.vibration is None:
         piece = jnp.where(sigma == 0, excitation.locate(t), piece)
     ground_at = excitation.piece(piece)
@@ -160,7 +162,7 @@ def sample(
 
 
 def node_before(nodes: Nodes, t: Value, left: Bool[Array, ""]) -> Int[Array, ""]:
-    """Return the index of the last node at or before t; if `left`, of the last node before t."""
+    """Return the index of the last node at or before t or, with `left`, of the last node before t."""
     count = jnp.where(
         left, jnp.searchsorted(nodes.t, t, side="left"), jnp.searchsorted(nodes.t, t, side="right")
     )
@@ -173,8 +175,8 @@ def constants(
     """Return the constants of the equations of motion.
 
     - `podium`, `excitation`: structure and ground motion of the scene
-    - `rtol`: relative tolerance of the scene; it determines at which rates steep forces of restrainers are
-      smoothed. None without restrainers
+    - `rtol`: relative tolerance of the scene. Forces of restrainers with an infinite slope at θ̇ = 0 are
+      smoothed below |θ̇|/(pα) = 10 `rtol`. None without restrainers
     - `joints`: whether to include the constants of joint forces
     """
     vertical = isinstance(excitation, GroundMotion)
@@ -206,14 +208,15 @@ def quantities_at(scene: Solved, t, left) -> dict[str, Array]:
 def balance(scene: Solved, t, left):
     """Return quantities and energies at times t (n,) [s], or just before them where `left` (n,).
 
-    The result is a tuple: the dict of `_quantities`; the fields `mechanical`, `input`, `impacts`, `damping`
-    and, only with restrainers, `dampers` of `Energies`, shape (n,); and the scalar `initial`.
+    The result is a tuple. First is the dict of `_quantities`. Then follow the fields `mechanical`, `input`,
+    `impacts`, `damping` and (only with restrainers) `dampers` of `Energies`, shape (n,). Last is `initial`, a
+    scalar.
     """
     podium, excitation, nodes, end, method, rtol = scene
     c, nodes = constants(podium, excitation, rtol), jax.tree.map(jnp.asarray, nodes)
     size = nodes.t.shape[0]
-    # The powers are integrated over all steps between nodes, and over the partial steps from the nodes before
-    # t to t. Steps from the last node and from unused nodes have the length zero.
+    # The powers are integrated over all steps between nodes, and over the partial step to each time t from
+    # the node before it. Steps from the last node and from unused nodes have the length zero.
     indices = jnp.arange(size, dtype=nodes.used.dtype)
     k = jnp.where(indices < nodes.used, indices, 0)
     is_last = k + 1 >= nodes.used
@@ -230,7 +233,7 @@ def balance(scene: Solved, t, left):
         dampers = () if c.restraint is None else (damper_power(c, c.restraint, sigma, x, v),)
         return instant, (*power(c, *instant), *dampers, energy(c, sigma, x, v))
 
-    # One vectorised step serves all points, because compiling a step takes most of the time.
+    # All points are computed by one vectorised step, because compiling a step takes most of the time.
     abscissae, weights = np.polynomial.legendre.leggauss(POINTS)
     fractions = jnp.asarray(np.append(0.5 + 0.5 * abscissae, 1.0), t.dtype)
     instants, (*powers, energies) = jax.vmap(

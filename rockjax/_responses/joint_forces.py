@@ -1,4 +1,7 @@
-"""Joint forces along a history (the accepted steps of a scene), and impulses at the impacts."""
+"""Joint forces along a history (the accepted steps of a scene), and impulses at the impacts.
+
+m_c is the mass of a column, and N the number of columns in N m_c; otherwise N is the axial force of a joint.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +31,8 @@ from . import history
 
 COLUMNS = "column"  # axis of the columns, numbered from 1 in the order of their positions
 
-# Unit and description of each series. The first three also have axes of columns and joints.
+# Unit and description of each series. All series have an axis of times; the first three also have axes of
+# columns and joints.
 SERIES = {
     "joint_shear": ("1", "horizontal force of the joint on the body above it T/(m_c g)"),
     "joint_axial_force": ("1", "axial force of the joint N/(m_c g), compression positive"),
@@ -42,11 +46,11 @@ SERIES = {
 
 class JointForces(Module):
     """Forces (T, N) of the joints on the bodies above them, divided by the weight m_c g of a column. The axes
-    are times, columns and joints (bottom, top). If no elevation is given, there is one column, the mean
+    are times, columns and joints (bottom, top). If the podium has no elevation, the only column is the mean
     column.
 
-    - `horizontal`: T in the direction of motion [–]
-    - `axial`: N upwards, compression positive [–]
+    - `horizontal`: T, positive in the direction of positive displacements [–]
+    - `axial`: N, upwards, so that compression is positive [–]
     """
 
     horizontal: Float[Array, "*times columns joints"]
@@ -94,8 +98,8 @@ def series_at(scene: history.Solved, t, left) -> dict[str, Array]:
 
 @StoredProgram
 def impulses_at(scene: history.Solved, times) -> Array:
-    """Return the impulses at the times of impacts, divided by m_c [m/s], with axes of impacts, columns,
-    joints and (J_T, J_N). Where a time is NaN, so are the impulses."""
+    """Return the impulses (J_T, J_N), horizontal and axial, at the times of impacts, divided by m_c [m/s].
+    The axes are impacts, columns, joints and (J_T, J_N). If a time is NaN, so are the impulses."""
     podium, excitation, nodes, _, method, rtol = scene
     c, nodes = history.constants(podium, excitation, rtol, joints=True), jax.tree.map(jnp.asarray, nodes)
     arms = not_none(c.joints).arms

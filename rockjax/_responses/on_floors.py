@@ -1,5 +1,7 @@
-"""Light secondary systems (contents and oscillators) on floors, solved along the history of the structure.
-(L15) is in docs/equations.md."""
+"""Light secondary systems on floors: blocks (contents) and oscillators.
+
+The motion of the structure is computed first, and then excites the systems. (L15) is in docs/equations.md.
+"""
 
 from __future__ import annotations
 
@@ -46,9 +48,9 @@ OSCILLATOR_ATOL = 1e-4  # factor on `atol` for oscillators, whose displacements 
 class JoltFriction(AbstractOutput):
     """The largest friction demand of a block at velocity jumps of the floor, (L15).
 
-    The horizontal and the vertical velocity of the floor jump by Δv and Δw. Only jumps with |Δv| + |Δw| above
-    2R_c times the rest velocity count, with the half diagonal R_c of the block. The rest velocity is the
-    |θ̇| below which an impact brings the block to rest.
+    The horizontal and the vertical velocity of the floor jump by Δv and Δw. A jump counts only if |Δv| + |Δw|
+    exceeds 2R_c times the rest velocity, where R_c is the half diagonal of the block. The rest velocity is
+    the rate |θ̇| below which an impact brings the block to rest.
 
     The accumulator (the value so far) is the impulse with the largest angle from the vertical. The note
     (further data) is 1 if the block started to rock at a jump, else 0.
@@ -86,8 +88,7 @@ class JoltFriction(AbstractOutput):
 def _rock(
     block: Contents, g: Value, weights: Values, course: FloorCourse, options: Options, reversible: bool
 ):
-    """Return the answers of a block in two dicts by name, the first with floats, the second with integers and
-    flags.
+    """Return the answers of a block in two dicts by name: first floats, then integers and flags.
 
     - `block`, `g`: the block, and the acceleration of gravity [m/s²]
     - `weights`: weights of the bodies in the motion of the floor, as returned by `_weights_of`
@@ -112,10 +113,10 @@ def _rock(
 def _vibrate(
     oscillator: Oscillator, g: Value, weights: Values, course: FloorCourse, options: Options, reversible: bool
 ):
-    """Return the answers of an oscillator, in the form of `_rock` and with corresponding arguments.
+    """Return the answers of an oscillator. Arguments and results correspond to those of `_rock`.
 
-    The oscillator is solved as a massless superstructure on a podium that never lifts, because the podium has
-    very wide columns and a very large rest velocity.
+    The oscillator is solved as a massless superstructure on a podium that never lifts. Very wide columns and
+    a very large rest velocity prevent uplift.
     """
     fixed_podium = Podium(
         NEVER_LIFTS, 1.0, superstructure=Elastic(0.0, oscillator.period, oscillator.damping), g=g
@@ -132,7 +133,8 @@ def _vibrate(
     omega, zeta = 2 * jnp.pi / oscillator.period, oscillator.damping
     mode_weights, is_vertical = weights[0, :-2], oscillator.direction == "vertical"
     remaining_impulse = bound_after_end(course.ending, mode_weights, zeta, is_vertical)
-    # If the floor rests for good, the next turning point of the free vibration counts as well.
+    # If the floor rests for good, the oscillator vibrates freely after the end, and its next turning point
+    # counts as well. Later turning points are not larger.
     rests = course.ending.rests & (remaining_impulse == 0)
     at_next_turn = next_turns(oscillator.period, zeta, x[1], rate[1])
     so_far = floats["peak_deformation"], g * floats["peak_shear"]
@@ -172,7 +174,7 @@ SecondarySystems = Sequence[Contents | Oscillator] | Contents | Oscillator
 def _on_floors(structures, excitation, initial, t_end, options: Options, *, capacity: int, reversible: bool):
     """Return the answers of secondary systems on the floors of a scene.
 
-    - `structures`: the podium, and the systems on its floors
+    - `structures`: a pair: the podium, and the systems on its floors
     - `excitation`, `initial`, `t_end`, `options`: the scene; if `t_end` is None, the scene ends at the time
       that `end_with_oscillators` returns
     - `capacity`: number of steps that the history of the floors can hold
@@ -235,8 +237,8 @@ def _weights_of(podium: Podium, system: Any) -> Values:
 def _stackable(system: Any) -> Any:
     """Return the system in a form that can be stacked with others of its class.
 
-    Only systems with equal static fields can be stacked. `level` and `vertical` therefore become constants;
-    their effect is in the weights of `_weights_of`. The value of the restitution factor replaces the law of
+    Only systems with equal static fields can be stacked. `level` and `vertical` therefore get fixed values;
+    the weights of `_weights_of` contain their effect. The value of the restitution factor replaces the law of
     restitution.
     """
     system = dataclasses.replace(system, level=DECK)
@@ -276,8 +278,8 @@ def answers_on_floors(
 
 
 def floor_options(options: Options) -> Options:
-    """Return options for the history of the floors: with the flat engine, and with the cheap output
-    `"peak_rotation"` alone. If the given options have another engine, the method becomes dopri8."""
+    """Return options for the history of the floors: the flat engine, and only the output `"peak_rotation"`,
+    which takes little time. If the given options have another engine, the method becomes dopri8."""
     method = options.method if options.engine == "flat" else "dopri8"
     return options.replace(outputs=("peak_rotation",), engine="flat", method=method)
 

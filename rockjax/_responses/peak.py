@@ -1,4 +1,8 @@
-"""Peaks of a scene: the class `Peak`, its text and HTML, and its variables in datasets."""
+"""Peaks of a scene (one podium under one ground motion): the class `Peak`, its text and HTML, and its
+variables in datasets.
+
+An *answer* is a value of an output. One requested output can have several answers.
+"""
 
 from __future__ import annotations
 
@@ -55,8 +59,8 @@ ALWAYS = {
 
 
 def all_variables(outputs: Sequence[str | AbstractOutput] = ()) -> dict[str, tuple[Variable, str | None]]:
-    """Return all answers that a scene can have, as name → (`Variable`, output). `output` is the name of the
-    output that must be requested for this answer, or None for answers of every scene.
+    """Return all answers that a scene can have, as name → (`Variable`, output). To get an answer, request the
+    named output; for answers of every scene, `output` is None.
 
     - `outputs`: requested outputs; user-defined outputs add answers
     """
@@ -71,39 +75,39 @@ class AbstractPeak(Module):
 
     - `peak_rotation`: max|θ|/α, at most `overturn_ratio` [–]; `peak_rotation_time`: time at which this
       rotation is first reached [s]
-    - `exceeded_alpha`: |θ| reached α; `overturned`: |θ| reached `overturn_ratio`·α, at `overturn_time` [s]
-      (NaN if not)
-    - `uplifted`: the columns left full contact, first at `uplift_time` [s] (NaN if not)
+    - `exceeded_alpha`: True if |θ| reached α; `overturned`: True if |θ| reached `overturn_ratio`·α, at
+      `overturn_time` [s] (NaN if not)
+    - `uplifted`: True if the columns left full contact, first at `uplift_time` [s] (NaN if not)
     - `impacts`: number of impacts until rest, overturning or `t_end`; NaN if the scene did not finish, or may
-      have ended before this number was final. To know the exact number, request `"impacts"` or compute a
-      history; otherwise the last bounces of a rigid podium before rest are not simulated, and a formula gives
-      their number to within one or two
+      have ended before this number was final. For the exact number, request `"impacts"` or compute a history.
+      Otherwise, under a rigid superstructure or none, the last bounces before rest are not simulated, and a
+      formula gives their number to within one or two
     - `peak_deformation`: peak deformation of the superstructure, max|u_t − u_b| with the displacements u_t of
       its top mass and u_b of the beam [m]; 0 if there is no elastic superstructure. Several modes are along
       the last axis
     - `peak_shear`: largest shear at the base of the superstructure divided by its weight, max|V_s|/(m_t g)
-      [–]; 0 if there is no superstructure. `peak_shear` and `peak_floor_acceleration` leave out the impulses
-      at impacts that act on the residual mass, which belongs to no mode
+      [–]; 0 if there is no superstructure. An impact exerts an impulse on the residual mass, the mass that
+      belongs to no mode; `peak_shear` and `peak_floor_acceleration` leave out this impulse
     - `peak_drift`: largest drift of each story of a building [m]; `peak_floor_acceleration`: largest absolute
       horizontal acceleration of each floor [m/s²]. Both have a last axis of stories from the bottom, and are
       None if there are no stories
     - `peak_deck_acceleration`: largest absolute horizontal acceleration |a_b| of the deck (the beam), (L1)
       [m/s²]; `peak_velocity_jump`: largest jump |Δv_b| of the deck's horizontal velocity at an impact, (L3)
       [m/s]. No peak acceleration includes these jumps. Both answers are None unless requested
-    - `peak_friction`: largest friction demand |T|/N of the joints [–], with the horizontal and the axial
-      force T and N of a joint; inf if a joint would open
+    - `peak_friction`: largest friction demand |T|/N of the joints [–], with the horizontal force T and the
+      axial force N of a joint; inf if a joint would open
     - `least_axial_force`, `peak_axial_force`: least and largest N/(m_c g) of the joints [–], compression
-      positive
-    - `peak_impact_friction`: largest |J_T|/J_N at an impact [–], with the horizontal and the axial impulse
-      J_T and J_N of a joint; `least_impulse_share`: least J_N of a column, divided by the mean J_N of all
-      columns [–]
+      positive, with the weight m_c g of a column
+    - `peak_impact_friction`: largest |J_T|/J_N of the joints at an impact [–], with the horizontal impulse
+      J_T and the axial impulse J_N; `least_impulse_share`: least J_N of a column, divided by the mean J_N of
+      all columns [–]
     - `peak_foundation_shear`: largest horizontal force on the foundation, divided by the total weight [–].
-      The answers of joints are for the worst column, with the bottom and the top joint along the last axis.
-      They and `peak_foundation_shear` are None unless requested
+      The five answers of joints before this one are those of the worst column, with the bottom and the top
+      joint along the last axis. All six answers are None unless requested
     - `margin`: overturning margin [–], NaN unless requested: 1 if the columns never lift, 0 on the
-      overturning boundary, negative if the columns overturn, and more negative if they fall faster
-    - `impacts_before_peak`: number of impacts before the peak rotation. The derivatives of the peak rotation
-      hold as long as this number stays the same. NaN unless requested
+      overturning boundary, and negative if the columns overturn; the faster they fall, the lower it is
+    - `impacts_before_peak`: number of impacts before the peak rotation, NaN unless requested. The derivatives
+      of the peak rotation hold as long as this number stays the same
     - `smallest_impact_speed`: least |θ̇⁻| of the impacts before the peak rotation [rad/s]; inf if there are
       none. Derivatives of the motion after an impact grow like 1/|θ̇⁻|
     - `values`: answers of the outputs by name. Each of them is also an attribute: `peak.peak_shear` is
@@ -134,9 +138,9 @@ class AbstractPeak(Module):
 
     @property
     def joints_closed(self) -> Bool[Array, "*batch"]:
-        """True if no joint would open, and the beam would not lift off a column at an impact, according to
-        `least_axial_force`, `least_impulse_share` and `peak_friction`. Answers that were not requested are
-        ignored. False if an answer is NaN, as in a scene with the result `weightless`."""
+        """True if no joint would open and no impact would lift the beam off a column, according to the
+        answers `least_axial_force`, `least_impulse_share` and `peak_friction`. Answers that were not
+        requested are ignored. False if an answer is NaN, as in a scene with the result `weightless`."""
         is_closed = jnp.ones(jnp.shape(self.overturned), bool)
         for name in ("least_axial_force", "least_impulse_share"):
             values = self.values.get(name)
@@ -187,7 +191,7 @@ def peak_fields(floats, integers, options: Options, *, throw: bool = False, hist
     - `floats`, `integers`: outputs of the scenes by name
     - `options`: options of the scenes
     - `throw`: whether to raise `RuntimeError` for a scene that did not finish
-    - `history`: whether the scenes have a history; such scenes are solved until rest
+    - `history`: whether the scenes have a history; such scenes continue even if all outputs are final
     """
     code = integers["code"]
     if throw:
@@ -209,9 +213,10 @@ def peak_fields(floats, integers, options: Options, *, throw: bool = False, hist
 def _impacts(floats, integers, options: Options, history: bool):
     """Return the number of impacts, or NaN where it may not be final. Arguments as for `peak_fields`.
 
-    In a scene that ended because all outputs were final, the number is final if it was requested or the scene
-    has a history. If the rotation or the margin was requested, such a scene ends only when no uplift can
-    change them any more; if the columns have not lifted by then, the number is final too, and zero.
+    A scene with the result `settled` ended when all outputs were final. Its number of impacts is final in two
+    cases: the number was requested, or the scene has a history; or the columns never lifted, and the rotation
+    or the margin was requested. In the second case the number is zero: a later uplift would change the
+    rotation and the margin, so the scene ends only when no uplift can follow.
     """
     answers = integers["code"], integers["impacts"], integers["uplifted"]
     is_traced, is_jax = any(isinstance(y, Tracer) for y in answers), isinstance(answers[1], jax.Array)
@@ -247,8 +252,8 @@ def raise_if_unfinished(code: Array) -> None:
 def peak_variables(
     peaks: AbstractPeak, outputs: Sequence[str | AbstractOutput]
 ) -> Iterator[tuple[str, np.ndarray, dict[str, Any]]]:
-    """Yield (name, values, attributes) of each dataset variable of peaks: requested answers and their
-    estimated errors, answers of every scene, `undecided`, `result` and `steps`.
+    """Yield (name, values, attributes) of each dataset variable of peaks: the requested answers with their
+    estimated errors, the answers of every scene, `undecided`, `result` and `steps`.
 
     - `peaks`, `outputs`: answers of a scene or a batch, and its requested outputs
     """
@@ -302,8 +307,8 @@ def _overturning_attrs(variable: Variable) -> dict[str, str]:
 def data_variables(
     peaks: Peak, outputs: Sequence[str | AbstractOutput], dims: tuple[str, ...]
 ) -> dict[str, Any]:
-    """Return the variables of a dataset: peaks, their sensitivities along the dim `parameter`, if there are
-    any, and the answers of secondary systems on floors.
+    """Return the variables of a dataset: the peaks, the answers of secondary systems on floors and, if there
+    are any, the sensitivities of the peaks along the dim `parameter`.
 
     - `peaks`, `outputs`: answers of a scene or a batch, and its requested outputs
     - `dims`: dims of the scenes; empty if the caller adds these dims
@@ -327,8 +332,9 @@ def data_variables(
 
 
 def own_axis(name: str, dimensions: int, outputs: Sequence[str | AbstractOutput] = ()) -> tuple[str, ...]:
-    """Return the own dim of an answer, or of its error: modes, stories, joints, or `<answer>_component` for a
-    user-defined output without `axis`; empty for a scalar answer.
+    """Return the dim of an answer (or of its error) that does not belong to the scenes, in a tuple: modes,
+    stories, joints, or `<answer>_component` for a user-defined output without `axis`. The tuple is empty for
+    a scalar answer.
 
     - `name`: name of the variable
     - `dimensions`: number of dimensions without those of scenes and parameters, 0 or 1
@@ -346,7 +352,7 @@ def parameter_axis(sensitivities: Sensitivities | None) -> dict[str, Any]:
 
 
 def _text(peak: AbstractPeak) -> str:
-    """Return a readable description of one scene; for a batch, only its size and how many overturned."""
+    """Return a table of one scene as text; for a batch, only its size and the number of overturned scenes."""
     headline, rows = _summary(peak)
     return "\n".join(
         [headline, *(f"  {label:<16} {value}" if value else f"  {label}" for label, value in rows)]
@@ -360,7 +366,7 @@ def _html(peak: AbstractPeak) -> str:
 
 
 def _summary(peak: AbstractPeak) -> tuple[str, list[tuple[str, str]]]:
-    """Return a headline, and rows of label and value."""
+    """Return a headline, and rows (label, value)."""
     class_name = type(peak).__name__
     codes = None if concrete(peak.peak_rotation) is None else concrete(results.code_of(peak.result))
     if codes is None:

@@ -1,4 +1,5 @@
-"""Time history of a scene: the class `Response` with the motion at any time, and derived quantities."""
+"""Time history of a scene (one podium under one ground motion): the class `Response`, with the motion at any
+time, and quantities that follow from the motion."""
 
 from __future__ import annotations
 
@@ -62,11 +63,11 @@ _IMPACTS = {
 class Response(AbstractPeak):
     """Time history of one scene: everything in [`rockjax.Peak`][], and the motion.
 
-    `response(t)` returns the state at any times of the scene with the accuracy of the solution, by one step
-    of the integration method from the preceding node. Nodes are the ends of the accepted steps. At the time
-    of an impact it returns the state after the impact, or with `left=True` the state before. Methods that
-    take times return NaN before the start and after the end of the scene. The history of a rigid podium that
-    has come to rest for good has no end.
+    `response(t)` returns the state at any times of the scene, by one step of the integration method from the
+    preceding node. Nodes are the ends of the accepted steps. The state is as accurate as the solution. At the
+    time of an impact, `response(t)` is the state after the impact, or with `left=True` the state before it.
+    Methods that take times return NaN before the start and after the end of the scene. If the columns have
+    come to rest for good under a rigid superstructure or none, the history has no end.
 
     - `impact_times`: times of the impacts [s], ascending; padded with NaN under `jit`
     - `times`: times of the nodes [s]; padded with inf under `jit`
@@ -75,8 +76,8 @@ class Response(AbstractPeak):
     - `origin`: name, source, factor and seed of a [`rockjax.Motion`][], as pairs (name, value); empty for
       other excitations
 
-    Equations with a number alone are in docs/model.md. Equations with a letter are in docs/modes.md (C11),
-    docs/floors.md (L…), docs/forces.md and docs/equations.md.
+    Equations with a number alone are in docs/model.md, (C11) is in docs/modes.md, (L1) to (L3) are in
+    docs/floors.md, and the others are in docs/forces.md or docs/equations.md.
     """
 
     impact_times: Float[Array, " impacts"]
@@ -92,15 +93,16 @@ class Response(AbstractPeak):
 
     @property
     def span(self) -> tuple[float, float]:
-        """Start and end of the part of the scene to plot [s]. This part includes the whole ground motion even
-        if a rigid podium comes to rest earlier."""
+        """Start and end of the part of the scene that plots show [s]. This part includes the whole ground
+        motion, even if the columns come to rest for good earlier."""
         start, end = float(np.asarray(self.times)[0]), float(self.stats.end_time)
         if not self.podium.vibrates and bool(self.result == RESULTS.settled):
             end = max(end, float(self.excitation.support[1]))
         return start, end if end > start else start + 1 / float(self.podium.p)
 
     def __call__(self, t: Float[ArrayLike, "*times"], left: bool = False) -> State:
-        """Return the state at times t [s]; at an impact, just after it, or just before it if `left`."""
+        """Return the state at times t [s]. At an impact this is the state just after it, or with `left` just
+        before it."""
         theta, theta_dot, *of_modes = self._values_at(t, "theta", "theta_dot", "u_t", "u_t_dot", left=left)
         return State(theta, theta_dot, *map(self._over_modes, of_modes))
 
@@ -126,8 +128,8 @@ class Response(AbstractPeak):
         return self._values_at(t, "floor_acceleration")[0]
 
     def base_shear(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
-        """Return the shear at the base of the superstructure divided by its weight [–], at times t [s], Eq.
-        (7)."""
+        """Return the shear at the base of the superstructure, Eq. (7), divided by the weight of the
+        superstructure [–], at times t [s]."""
         return self._values_at(t, "base_shear")[0]
 
     def _check_stories(self, name: str) -> None:
@@ -136,15 +138,15 @@ class Response(AbstractPeak):
             raise ValueError(f"Response.{name}: the superstructure must be an elastic ShearBuilding")
 
     def _over_modes(self, values: Array) -> Array:
-        """Add an axis of one mode if the superstructure has such an axis but was solved as a single
-        oscillator, without the axis."""
+        """Add an axis of length 1 if the superstructure has an axis of modes but was solved as a single
+        oscillator without this axis."""
         top = self.podium.superstructure
         is_missing = top is not None and top.has_mode_axis and not top.resolved().has_mode_axis
         return values[..., None] if is_missing else values
 
     def energy(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
         """Return the mechanical energy relative to the ground, divided by the mass N m_c of all columns, Eqs.
-        (16)–(19) [m²/s²]."""
+        (16)–(19), at times t [s], in m²/s²."""
         return self._values_at(t, "mechanical_energy")[0]
 
     def mode(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
@@ -155,19 +157,19 @@ class Response(AbstractPeak):
     def restoring_moment(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
         """Return the restoring moment divided by its value at uplift [–], at times t [s].
 
-        In full contact the result is −q/q_up ∈ [−1, 1], with the uplift demand q and its value q_up at
-        uplift, Eq. (9). While rocking it is the moment of the foundation's vertical forces,
-        (sin ψ/sin α)[1 + (2γ+2η+½)/(2γ+2η+1) v̈_b/g] with ψ = σα − θ and the vertical acceleration v̈_b of
-        the beam, Eqs. (13), (15), plus the moment of the restrainers, (C22). A vertical ground acceleration
-        adds v̈_g/g in the brackets. Without restrainers and vertical accelerations, the result is about
-        σ − θ/α.
+        In full contact the result is −q/q_up, from −1 to 1, with the uplift demand q and its threshold q_up,
+        Eq. (9). While rocking, without restrainers, it is the moment of the vertical forces on the
+        foundation, (sin ψ/sin α)[1 + (2γ+2η+½)/(2γ+2η+1) v̈_b/g], with ψ = σα − θ, the mass ratios γ of the
+        beam and η of the superstructure, and the vertical acceleration v̈_b of the beam, Eq. (15). A vertical
+        ground acceleration v̈_g adds v̈_g/g in the brackets. Restrainers add their moment, (C22). Without
+        restrainers and vertical accelerations, the result is about σ − θ/α.
         """
         return self._values_at(t, "restoring_moment")[0]
 
     def damper_energy(self, t: Float[ArrayLike, "*times"] | None = None) -> Float[Array, "*times"]:
         """Return the energy that the dampers of the columns, [`rockjax.Damper`][], have dissipated up to
-        times t [s], by default up to the end of the scene, divided by the mass N m_c of all columns:
-        ∫(C/m_c)|ℓ̇|^(1+ν) dt [m²/s²]."""
+        times t [s], divided by the mass N m_c of all columns: ∫(C/m_c)|ℓ̇|^(1+ν) dt, in m²/s². A damper has
+        the force C|ℓ̇|^ν at the rate ℓ̇ of elongation. By default t is the end of the scene."""
         return self.energies(self.stats.end_time if t is None else t).dampers
 
     def floor(
@@ -199,12 +201,12 @@ class Response(AbstractPeak):
         )
 
     def joint_forces(self, t: Float[ArrayLike, "*times"], left: bool = False) -> JointForces:
-        """Return the forces in the joints of all columns divided by m_c g, at times t [s], (F3) to (F11). At
-        the time of an impact, these are the forces after the impact, or with `left=True` before it.
+        """Return the forces in the joints of all columns, divided by the weight m_c g of a column, at times t
+        [s], (F3) to (F11). At the time of an impact, these are the forces after the impact, or with
+        `left=True` before it.
 
-        If the podium has no elevation, there is one column, the mean column. Forces follow from the motion
-        and do not affect it. After the first time at which a joint is in tension or would slide, the
-        forces are no longer valid.
+        If the podium has no elevation, the only column is the mean column. Forces follow from the motion and
+        do not affect it. The forces are valid until a joint is in tension or would slide for the first time.
         """
         series = self._joint_series(t, left)
         return JointForces(series["joint_shear"], series["joint_axial_force"])
@@ -213,27 +215,30 @@ class Response(AbstractPeak):
         self, t: Float[ArrayLike, "*times"], left: bool = False
     ) -> Float[Array, "*times columns joints"]:
         """Return the friction demand |T|/N of all joints [–] at times t [s]; inf where a joint is in
-        tension, 0 where it carries no force."""
+        tension, 0 where it carries no force. `left` as for `joint_forces`."""
         return self._joint_series(t, left)["joint_friction"]
 
     def eccentricity(self, t: Float[ArrayLike, "*times"], left: bool = False) -> Float[Array, "*times"]:
-        """Return the position of the resultants at all joints, divided by half the width of a column [–], at
-        times t [s]: ξ of (F10) in full contact, and σ while rocking. Up to |ξ| = ⅓ the whole width is
-        compressed."""
+        """Return the position of the resultants at all joints relative to the centre line of a column,
+        divided by half the width of the column [–], at times t [s]: ξ of (F10) in full contact, and σ while
+        rocking. For |ξ| ≤ ⅓ the whole width is compressed. `left` as for `joint_forces`."""
         return self._joint_series(t, left)["joint_eccentricity"]
 
     def foundation_shear(self, t: Float[ArrayLike, "*times"], left: bool = False) -> Float[Array, "*times"]:
-        """Return the horizontal force on the foundation divided by the total weight, V/W_0 [–], (F5)."""
+        """Return the horizontal force V on the foundation divided by the total weight W_0 [–], at times t
+        [s], (F5). `left` as for `joint_forces`."""
         return self._joint_series(t, left)["foundation_shear"]
 
     def foundation_reaction(
         self, t: Float[ArrayLike, "*times"], left: bool = False
     ) -> Float[Array, "*times"]:
-        """Return the vertical force on the foundation divided by the total weight, W/W_0 [–], (F5)."""
+        """Return the vertical force W on the foundation divided by the total weight W_0 [–], at times t [s],
+        (F5). `left` as for `joint_forces`."""
         return self._joint_series(t, left)["foundation_reaction"]
 
     def overturning_moment(self, t: Float[ArrayLike, "*times"], left: bool = False) -> Float[Array, "*times"]:
-        """Return the overturning moment on the columns, clockwise, divided by N m_c g [m], (F6).
+        """Return the overturning moment on the columns, clockwise, divided by the weight N m_c g of all
+        columns, at times t [s], in m, (F6). `left` as for `joint_forces`.
 
         Raises `ValueError` if the podium has no elevation.
         """
@@ -243,8 +248,9 @@ class Response(AbstractPeak):
 
     @property
     def impulses(self) -> Float[Array, "impacts columns joints 2"]:
-        """Impulses in the joints at the impacts divided by m_c [m/s], (F12) to (F14). The axes are impacts,
-        columns, joints (bottom, top), and (J_T, J_N); entries after the last impact are NaN under `jit`."""
+        """Impulses in the joints at the impacts, divided by the mass m_c of a column [m/s], (F12) to (F14).
+        The axes are impacts, columns, joints (bottom, top), and (J_T, J_N), the horizontal and the axial
+        impulse. Under `jit`, entries after the last impact are NaN."""
         times = self.impact_times
         padded_times, _ = history.pad_times(times, np.zeros(times.size, bool))
         impulses = joint_forces.impulses_at(self._scene(with_elevation=True), padded_times)
@@ -260,8 +266,8 @@ class Response(AbstractPeak):
             return {name: _truncate(y, t.size).reshape(*t.shape, *y.shape[1:]) for name, y in series.items()}
 
     def energies(self, t: Float[ArrayLike, "*times"]) -> Energies:
-        """Return the balance of energy at times t [s], an [`rockjax.Energies`][]. The powers are integrated
-        over all steps up to t."""
+        """Return the balance of energy at times t [s], an [`rockjax.Energies`][]. Dissipated energies and the
+        work of the ground are integrals over all steps up to t."""
         t = as_float(t)
         _, energies = self._history(t.ravel(), np.zeros(t.size, bool))
         with nans_allowed():
@@ -271,12 +277,13 @@ class Response(AbstractPeak):
         """Return the history as a dataset, at times t [s], shape (n,); by default at 4001 times from start to
         end of `span`.
 
-        States, deformation, ground acceleration, contact mode, restoring moment, energies, and drifts and
-        floor accelerations of an elastic building have the dim `time`. Joint forces are included if an output
-        of the joints was requested. The times of impacts and the rates of rotation before and after impacts
-        have the dim `impact`. Answers of [`rockjax.Peak`][] are included and have neither dim. Every
-        variable has `units` and `long_name`; the attributes contain parameters, tolerances and versions.
-        Raises `ValueError` for times that are not 1-D.
+        Variables with the dim `time` are the states, the deformation, the ground acceleration, the contact
+        mode, the restoring moment and the energies. An elastic building also has drifts and floor
+        accelerations, and a scene with an output of the joints also has joint forces. Variables with the dim
+        `impact` are the times of the impacts, and the rates of rotation before and after them. Answers of
+        [`rockjax.Peak`][] are included and have neither dim. Every variable has `units` and `long_name`; the
+        attributes contain parameters, tolerances and versions. Raises `ValueError` for times that are not
+        1-D.
         """
         if t is None:
             t = np.linspace(*self.span, 4001)
@@ -285,7 +292,7 @@ class Response(AbstractPeak):
             raise ValueError(f"Response.dataset: t must be a 1-D array of times, got shape {t.shape}")
         impact_times = np.asarray(self.impact_times)
         impact_times = impact_times[np.isfinite(impact_times)]
-        # The states before impacts are computed in the same call.
+        # One call computes the motion at times t and just before the impacts.
         times, left = np.append(t, impact_times), np.arange(t.size + impact_times.size) >= t.size
         samples, energies = self._history(times, left)
         before = np.asarray(samples["theta_dot"])[t.size :]
@@ -297,7 +304,7 @@ class Response(AbstractPeak):
         return _dataset(self, t, samples, energies, impacts)
 
     def _values_at(self, t: Float[ArrayLike, "*times"], *names: str, left: bool = False) -> list[Array]:
-        """Return the named quantities at times t, with an axis of modes or stories last, if there is one."""
+        """Return the named quantities at times t; an axis of modes or stories is the last axis."""
         t = as_float(t)
         times, flags = history.pad_times(t.ravel(), np.full(t.size, left))
         quantities = history.quantities_at(self._scene(), times, flags)
@@ -319,7 +326,7 @@ class Response(AbstractPeak):
 
     def _scene(self, with_elevation: bool = False) -> history.Solved:
         """Return the solved scene in the form of `history.Solved`; only joint forces need the elevation."""
-        # The segments engine may use any Diffrax solver, so between the nodes of its history dopri8 is used.
+        # The segments engine accepts any Diffrax solver. Between the nodes of its history, dopri8 is used.
         method = self.options.method if self.options.engine == "flat" else "dopri8"
         at_rest = (self.result == RESULTS.settled) & (not self.podium.vibrates)
         end = jnp.where(at_rest, jnp.inf, self.stats.end_time)

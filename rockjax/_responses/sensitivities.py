@@ -26,13 +26,14 @@ from rockjax._tree import Module
 
 
 class Sensitivities(Module):
-    """Derivatives of peaks with respect to the logarithms of parameters y, with other parameters held
+    """Derivatives of peaks with respect to the logarithms of parameters y. The other parameters are held
     constant.
 
     - `parameters`: names of the parameters, in the order of the last axis of the following arrays
     - `peak_rotation` [–], `peak_deformation` [m], `peak_shear` [–], `margin` [–], …: derivative of the answer
-      of this name with respect to y, times y; zero if y = 0. None if the answer was not requested, does not
-      exist, or has no derivative. Axes of modes, stories and joints precede the axis of parameters
+      of this name with respect to y, times y; zero if y = 0. None if the answer was not requested, if the
+      structure has no such answer, or if the answer has no derivative. Axes of modes, stories and joints
+      precede the axis of parameters
     - `values`: the same derivatives as a dict by name
     """
 
@@ -48,7 +49,7 @@ def sensitivities_of(
 ) -> Sensitivities | None:
     """Return the sensitivities of requested peaks, or None if `names` is empty.
 
-    - `floats`: outputs of the scenes by name; the derivatives have the names of `slope_name`
+    - `floats`: outputs of the scenes by name, and their derivatives by the names that `slope_name` returns
     - `names`: names of the parameters
     - `outputs`: requested outputs
     """
@@ -64,11 +65,12 @@ def slope_name(answer: str) -> str:
 
 
 def scalar_fields(motion: AbstractExcitation) -> dict[str, str]:
-    """Return a dict: name of each scalar parameter of a motion → field that holds it.
+    """Return a dict of the scalar parameters of a motion: name of the parameter → path of its field.
 
     A parameter has the name of its field, with the prefix `excitation.` if the structure has a parameter of
-    this name. For a `GroundMotion`, fields start with `horizontal.` or `vertical.`, but only names of
-    parameters of the vertical motion have the prefix `vertical.`.
+    this name. In a `GroundMotion`, the path of a field starts with `horizontal.` or `vertical.`. The name of
+    a parameter starts with `vertical.` if it belongs to the vertical motion, and has no such prefix if it
+    belongs to the horizontal motion.
     """
     if isinstance(motion, GroundMotion):
         components = {part: scalar_fields(getattr(motion, part)) for part in PARTS}
@@ -87,8 +89,8 @@ def _is_float_array(value: Any) -> bool:
 
 
 def with_scalars(motion: AbstractExcitation, values: Mapping[str, Any]) -> AbstractExcitation:
-    """Return the motion with other values of scalar parameters. The keys of `values` are fields, as in
-    `scalar_fields`."""
+    """Return the motion with other values of scalar parameters. The keys of `values` are paths of fields, as
+    in `scalar_fields`."""
     for path, value in values.items():
         part, _, field = path.rpartition(".")
         if part:
@@ -125,9 +127,10 @@ def with_unit_factors(
 
     - `podium`, `motion`: structure and ground motion of the scene
     - `names`: n parameters, as returned by `check_sensitivities`
-    - `factors`: the factors, equal to 1, with respect to which the caller differentiates, (n,)
+    - `factors`: the factors, all equal to 1, shape (n,)
 
-    All values stay exactly the same; only derivatives depend on the factors.
+    The values stay exactly the same. The caller differentiates with respect to the factors, which gives the
+    derivatives with respect to the logarithms of the parameters.
     """
     factor_of = dict(zip(names, factors, strict=True))
     fields = {

@@ -1,4 +1,5 @@
-"""The functions `peak_response` (without a history) and `simulate` (with a history)."""
+"""The functions `peak_response` (without a history) and `simulate` (with a history), which solve one scene:
+one podium under one ground motion."""
 
 from __future__ import annotations
 
@@ -48,11 +49,12 @@ def peak_response(
     - `excitation`: a pulse, a wavelet, a record, a `Motion`, or any other [`rockjax.AbstractExcitation`][]
     - `initial`: state at the start of the excitation's support
     - `t_end`: latest end of the scene [s]; by default max(30/p, 10 T_s) after the end of the excitation, with
-      the frequency parameter p of the podium and the longest period T_s of the superstructure
+      the frequency parameter p of the podium and the longest period T_s of the superstructure, or 30/p if the
+      superstructure does not vibrate
     - `options`: accuracy, requested outputs and limits
     - `on_floors`: light secondary systems on the floors, [`rockjax.Contents`][] and [`rockjax.Oscillator`][],
-      one or a sequence of them; their answers are the field `on_floors` of the result, and the other fields
-      do not depend on them
+      one or a sequence of them. Their answers are the field `on_floors` of the result. The other fields do
+      not depend on these systems
 
     Raises `ValueError` for invalid inputs and, with `options.throw`, `RuntimeError` for a scene that does not
     finish. Values that JAX traces, as under `jit`, are not checked; check `result` then.
@@ -75,8 +77,8 @@ def simulate(
     options: Options = Options(),
     on_floors: SecondarySystems = (),
 ) -> Response:
-    """Compute the response history of one scene until `t_end` or overturning, or, without an elastic
-    superstructure, until the columns rest for good.
+    """Compute the response history of one scene until `t_end` or overturning. Without an elastic
+    superstructure, the history also ends when the columns rest for good.
 
     - `podium`, `excitation`, `initial`, `t_end`, `options`, `on_floors`: as for [`rockjax.peak_response`][];
       under `jit` the history has a capacity of `options.history` steps, otherwise it grows as needed
@@ -88,7 +90,7 @@ def simulate(
     """
     arguments = _arguments("simulate", podium, excitation, initial, t_end, options)
     (motion,) = excitation if isinstance(excitation, Motions) else (excitation,)
-    # Every capacity needs its own program, so the first capacity is so large that few scenes exceed it.
+    # Every capacity needs a program of its own, so the first capacity is large enough for most scenes.
     largest_capacity = options.max_steps + 2
     is_concrete = not any(isinstance(y, Tracer) for y in jax.tree.leaves(arguments))
     capacity = min(max(options.history, CAPACITY), largest_capacity) if is_concrete else options.history
@@ -115,7 +117,7 @@ def simulate(
 
 def _used_nodes(nodes: Nodes, impacts: Array) -> tuple[Nodes, Array]:
     """Return the used nodes, and the times of impacts in ascending order. If the number of used nodes is
-    traced, return all nodes, and impact times padded with NaN."""
+    traced, return all nodes, and the times of impacts padded with NaN."""
     count = concrete(nodes.used)
     if count is None or count.ndim:
         return nodes, jnp.sort(nodes.impact_time)  # NaN last

@@ -36,11 +36,11 @@ _RATIOS = tuple(name for name, parameter in MOTION.items() if parameter.instead_
 def labelled_motion(
     owner: str, excitation: AnyMotions, name: str = "excitation"
 ) -> tuple[AbstractExcitation, np.ndarray | None]:
-    """Return one motion and None, or a batch of k motions, shape (k,), and their labels: their names,
-    or numbers from 1 if they have no names.
+    """Return a motion and labels: one motion and None, or a batch of k motions, shape (k,), and k labels. The
+    labels are the names of the motions, or numbers from 1 if the motions have no names.
 
     - `owner`: name of the calling function, for messages
-    - `excitation`: one motion, or several (`Motions`, `Records`, a list)
+    - `excitation`: one motion, or several (`Motions`, `Records` or a list)
     - `name`: name of the argument, for messages
     """
     if isinstance(excitation, Records) and excitation.which.ndim:

@@ -47,9 +47,10 @@ def power(
     - `x`, `v`: positions (θ, then u_i of the modes) and velocities
 
     If no restrainers dissipate energy, the mechanical energy changes between impacts at the rate of the first
-    power minus the second. The power of the ground is −ü_g[(½+γ)u̇_b + η u̇_t] − v̈_g w v̇_b, (C18), with
-    w = ½+γ+η, the velocities u̇_b and v̇_b of the beam and u̇_t of the superstructure. The damper of Eq. (22)
-    dissipates 2ζω_s η (u̇_t − u̇_b)².
+    power minus the second. The power of the ground is −ü_g[(½+γ)u̇_b + η u̇_t] − v̈_g w v̇_b, (C18), with w =
+    ½+γ+η, the mass ratios γ of the beam and η of the superstructure, the velocities u̇_b and v̇_b of the
+    beam, and the velocity u̇_t of the superstructure. The damper of Eq. (22) dissipates 2ζω_s η (u̇_t −
+    u̇_b)².
     """
     _, beam_rate = beam(c, sigma, x[0], v[0])
     half_and_gamma = 0.5 * c.ground * c.g / c.p**2  # ½+γ
@@ -75,10 +76,11 @@ def restoring_moment(c: Coefficients, sigma: Value, ground: Value | Shaking, x: 
 
     In full contact the moment balances the uplift demand q, and the result is −q/q_up, Eq. (9). While
     rocking, the vertical forces of the foundation act at the edges and carry the weights and the vertical
-    inertia forces. The result is (sin ψ/sin α)[1 + (2γ+2η+½)/(2γ+2η+1) v̈_b/g], with ψ = σα − θ and v̈_b of
-    Eq. (15); the ratio in the brackets is below 1, because the centres of the columns rise half as fast as
-    the beam. At uplift v̈_b = 0, and both formulas give σ. A vertical ground acceleration adds v̈_g/g in the
-    brackets. Restrainers add forces times lever arms, (C22).
+    inertia forces. The result is then (sin ψ/sin α)[1 + (2γ+2η+½)/(2γ+2η+1) v̈_b/g], with ψ = σα − θ, the
+    mass ratios γ of the beam and η of the superstructure, and v̈_b of Eq. (15). The ratio in the brackets is
+    below 1, because the centres of the columns rise half as fast as the beam. At uplift v̈_b = 0, and both
+    formulas give σ. A vertical ground acceleration adds v̈_g/g in the brackets. Restrainers add their forces
+    times lever arms, (C22).
     """
     s, _ = sincos(sigma * c.alpha - x[0])
     theta_ddot = acceleration(c, sigma, ground, x, v)[0]
