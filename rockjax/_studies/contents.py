@@ -1,4 +1,7 @@
-"""Fragility of blocks on the floors of a podium: a lognormal curve for each damage state."""
+"""Fragility of blocks on the floors of a podium: a lognormal curve for each block and damage state.
+
+A scene is one podium under one ground motion.
+"""
 
 from __future__ import annotations
 
@@ -48,19 +51,19 @@ def contents_fragility(
     options: Options = DEFAULT_OPTIONS,
     progress: Any = False,
 ) -> xarray.Dataset:
-    """Fit fragility curves of blocks on the floors of a podium, one for each damage state.
+    """Fit fragility curves of blocks on the floors of a podium, one for each block and damage state.
 
     Every record is scaled to all levels of `intensity`. Each curve is fitted by maximum likelihood to the
-    numbers of records that reach the damage state at each level (multiple stripes).
+    numbers of records that reach the damage state at the levels (multiple stripes).
 
     - `podium`: podium with scalar parameters
-    - `contents`: dict of name → [`rockjax.Contents`][]; or one or more `Contents`, which get the names
-      `contents-1`, …
+    - `contents`: dict of name → [`rockjax.Contents`][]; or one `Contents` or a sequence of them, which get
+      the names `contents-1`, `contents-2`, …
     - `records`, `intensity`, `measure`, `names`, `progress`: as for
       [`rockjax.incremental_dynamic_analysis`][]
-    - `damage_states`: thresholds of max|φ|/α_c, the rotation of a block divided by its slenderness,
+    - `damage_states`: thresholds of max|φ|/α_c, the peak rotation of a block divided by its slenderness,
       ascending, from 0 to the least `overturn_ratio` of the blocks [–]. A block reaches state 0 if it rocks
-      at all, and every state if it overturns
+      at all. A block that overturns reaches every state
     - `overturned`: `"drop"` leaves out scenes in which the podium overturns, so that the curves hold for a
       standing podium; `"exceed"` counts such scenes as reaching every damage state
     - `at`: intensities at which the curves are evaluated, shape (x,), > 0; by default 200 equally spaced
@@ -70,20 +73,22 @@ def contents_fragility(
 
     Returns a Dataset:
 
-    - `median_capacity`, `dispersion` (dims `contents`, `damage_state`): median and dispersion of each curve
-    - `interval` (further dims `quantity`, `bound`): their confidence intervals, from the jackknife over
-      records
-    - `probability`, and the band from `lower` to `upper` (dims `contents`, `damage_state`, `at`): the curves
-    - `counted` (dims `contents`, `intensity`): number of records at a level, without scenes that did not
-      finish or are left out
+    - `median_capacity`, `dispersion` (dims `contents`, `damage_state`): median of each curve, in the unit of
+      the intensity, and its dispersion [–], the standard deviation of the logarithm
+    - `interval` (dims `contents`, `damage_state`, `quantity`, `bound`): confidence intervals of median and
+      dispersion, from the jackknife over records, which repeats the fit without each record in turn
+    - `probability`, `lower`, `upper` (dims `contents`, `damage_state`, `at`): the curves, and the ends of
+      their confidence bands
+    - `counted` (dims `contents`, `intensity`): number of records that count at a level. Records do not count
+      where the scene did not finish or is left out
     - `observed` (dims `contents`, `damage_state`, `intensity`): share of the counted records that reach the
       damage state
     - answers of the podium, such as `overturned` (dims `record`, `intensity`), and of the blocks, such as
       `contents_peak_rotation` (dims `record`, `intensity`, `contents`)
 
     Curves and intervals that the counts do not determine are NaN, and a `RuntimeWarning` names them. Another
-    warning is issued for intervals from fewer than five records. A single curve,
-    `data.sel(contents="cabinet", damage_state=1.0)`, is valid for [`rockjax.annual_frequency`][].
+    warning is issued for intervals from fewer than five records. A single curve, such as
+    `data.sel(contents="cabinet", damage_state=1.0)`, can be passed to [`rockjax.annual_frequency`][].
 
     Raises `ValueError` for invalid inputs.
     """
@@ -143,7 +148,7 @@ def contents_fragility(
 
 
 def _blocks_by_name(owner: str, contents: Any) -> dict[str, Contents]:
-    """Return name → block. Raises `ValueError` unless `contents` is as in `contents_fragility`."""
+    """Return the blocks by name. Raises `ValueError` if `contents` is not valid for `contents_fragility`."""
     if isinstance(contents, Contents):
         contents = (contents,)
     if isinstance(contents, Mapping):
@@ -178,7 +183,7 @@ def _add_curves(data: xarray.Dataset, exceed: bool, confidence: float | None) ->
     """Add counts, curves, intervals and bands to the dataset of the peaks, in place. Warn of curves and
     intervals that the counts do not determine.
 
-    - `data`: peaks of podium and blocks
+    - `data`: dataset with the peaks of the podium and the blocks
     - `exceed`: whether scenes in which the podium overturns count as reaching every damage state
     - `confidence`: confidence level; None omits intervals and bands
     """
@@ -239,7 +244,7 @@ def _add_curves(data: xarray.Dataset, exceed: bool, confidence: float | None) ->
 def _fit_with_jackknife(
     levels: np.ndarray, reached: np.ndarray, counted: np.ndarray
 ) -> tuple[Lognormal, Lognormal]:
-    """Return the curve fitted to all records, and the curves that each omit one record.
+    """Return the curve fitted to all records, and the curves fitted to all records except one.
 
     - `levels`: intensities, shape (m,)
     - `reached`: 1 where a record reaches the damage state, else 0, shape (n, m)

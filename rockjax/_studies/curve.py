@@ -1,7 +1,7 @@
 """Fragility curves: lognormal distributions fitted to records.
 
 The data are capacities (least overturning intensities), or counts of overturned records at levels of
-intensity.
+intensity. A record overturns at a level if it overturns the podium when it is scaled to this level.
 """
 
 from __future__ import annotations
@@ -38,39 +38,40 @@ def fragility(
     """Fit a lognormal fragility curve to an incremental dynamic analysis, by maximum likelihood.
 
     - `analysis`: result of [`rockjax.incremental_dynamic_analysis`][]
-    - `method`: `"capacities"` fits the capacities of the records, their least overturning intensities; the
-      capacity of a record that does not overturn is only known to be above the highest level (censored).
-      `"stripes"` fits the counts of overturned records at each level; a record does not count as overturned
-      at a level that it survives, even above its capacity, and does not count at all at a level at which its
-      scene did not finish. By default `"capacities"`; with `limit`, the default and only valid method is
-      `"stripes"`
+    - `method`: `"capacities"` fits the capacities of the records, their least overturning intensities. If a
+      record does not overturn, its capacity is only known to be above the highest level (censored).
+      `"stripes"` fits the counts of overturned records at each level. A record that survives a level above
+      its capacity counts as a survival there, and a scene that did not finish does not count. The default is
+      `"capacities"`; with `limit` it is `"stripes"`, the only method that is then valid
     - `at`: intensities at which the curve is evaluated, shape (x,), > 0; by default 200 equally spaced
       values up to the highest level
     - `confidence`: confidence level of the intervals and the band, in (0, 1); None omits intervals and band
     - `limit`: a limit state in addition to overturning, as (name, value) with the name of a peak of the
       analysis, such as `("peak_friction", 0.3)` or `("least_axial_force", 0.0)`. A scene fails if the podium
-      overturns or the peak exceeds the value; a peak named `least_…` must be below the value instead. The
-      worst mode, story, floor or joint counts. The `options` of the analysis must request the output that
-      contains this peak
+      overturns, or if the peak exceeds the value; with a peak named `least_…`, if the peak is below the
+      value. If the peak has several modes, stories or joints, the worst one counts. The `options` of the
+      analysis must request the output that contains this peak
 
     Returns a Dataset:
 
-    - `median_capacity`, `dispersion`: scalars; `interval` (dims `quantity`, `bound`): their confidence
-      intervals, with the numbers of records as attributes
-    - `probability`, and the band from `lower` to `upper` (dim `at`): the curve
-    - `observed` (dim `intensity`): share of records that overturn or, with `limit`, fail, among the records
+    - `median_capacity`, `dispersion`: median of the curve, in the unit of the intensity, and its dispersion
+      [–], the standard deviation of the logarithm
+    - `interval` (dims `quantity`, `bound`): confidence intervals of median and dispersion, with the numbers
+      of records as attributes
+    - `probability`, `lower`, `upper` (dim `at`): the curve, and the ends of its confidence band
+    - `observed` (dim `intensity`): share of records that overturn (with `limit`, fail), among the records
       whose scenes finished
-    - `capacity` (dim `record`): capacities; with `limit`, the lowest levels at which the records fail; NaN
-      for records that do not overturn or fail
+    - `capacity` (dim `record`): capacities; NaN for records that do not overturn. With `limit`, the lowest
+      levels at which the records fail; NaN for records that do not fail
     - `median_sensitivity`, `dispersion_sensitivity` (dim `parameter`): d ln(median)/d ln y and
-      d(dispersion)/d ln y for the parameters y of the analysis, if the analysis has sensitivities and
+      d(dispersion)/d ln y for the parameters y of the analysis; only if the analysis has sensitivities and
       `method` is `"capacities"`
 
     Intervals of `"capacities"` use the profile likelihood of lognormal capacities. Without censored records
-    they are exact for median and dispersion; with censored records their coverage differs from `confidence`
-    by some per cent. Intervals of `"stripes"` come from the jackknife, which repeats the fit without each
-    record in turn. A `RuntimeWarning` is issued for intervals from fewer than five records that overturn
-    (`"capacities"`), or from fewer than five records (`"stripes"`).
+    they are exact for median and dispersion. With censored records, the probability that they contain the
+    true value differs from `confidence`, in tests by up to 0.07 (docs/fragility.md). Intervals of `"stripes"`
+    come from the jackknife, which repeats the fit without each record in turn. A `RuntimeWarning` is issued
+    for intervals from fewer than five records; with `"capacities"`, only records that overturn count.
 
     Raises `ValueError` for invalid arguments, and if the data do not determine a curve or its intervals.
     """
@@ -123,11 +124,11 @@ class _Outcomes(NamedTuple):
 
     - `capacity`: least overturning intensity of each record, shape (n,); inf if above the highest level. With
       a limit state, the lowest level at which the record fails
-    - `censor_limit`: the highest level, repeated for each record, shape (n,); a lower bound of the capacities
-      that are inf
+    - `censor_limit`: the highest level, repeated for each record, shape (n,). It is a lower bound of the
+      capacities that are inf
     - `levels`: levels of intensity, shape (m,)
-    - `overturned`: 1 where a record overturns or is beyond the limit state, NaN where the scene did not
-      finish, otherwise 0, shape (n, m)
+    - `overturned`: 1 where a record overturns or fails, 0 where it does neither, and NaN where the scene did
+      not finish, shape (n, m)
     """
 
     capacity: np.ndarray
@@ -153,8 +154,10 @@ class _Outcomes(NamedTuple):
 
 
 def _with_limit(analysis: xarray.Dataset, limit: tuple[str, float]) -> xarray.Dataset:
-    """Return the analysis with outcomes and capacities for a limit state in addition to overturning. Raises
-    `ValueError` if the analysis has no peak of this name, or if the value is not a finite number."""
+    """Return the analysis with outcomes and capacities that include a limit state, `limit` of `fragility`.
+
+    Raises `ValueError` if the analysis has no peak of this name, or if the value is not a finite number.
+    """
     names = [name for name, y in analysis.data_vars.items() if {"record", "intensity"} <= set(y.dims)]
     peaks = [str(name) for name in names if str(name).startswith(("peak_", "least_"))]
     if not (isinstance(limit, tuple) and len(limit) == 2 and limit[0] in peaks):
@@ -207,7 +210,7 @@ def _fit(method: str, data: _Outcomes, limit_state: str | None) -> Lognormal:
     """Return the fitted curve. Raises `ValueError` if the likelihood has no maximum.
 
     - `method`, `data`: method of the fit, and outcomes of the records
-    - `limit_state`: the limit state in addition to overturning, for the message, or None
+    - `limit_state`: the limit state in words, for the message; None if only overturning counts
     """
     if method == "capacities":
         fit = _fit_capacities(data.capacity, data.censor_limit)
@@ -321,7 +324,7 @@ def stripe_bounds(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return jackknife bounds of a curve fitted to counts, in the shapes of `_intervals_of_capacities`.
 
-    - `fit`: curve of all records; `reduced_fits`: curves that each omit one record, arrays of shape (n,)
+    - `fit`: curve of all n records; `reduced_fits`: curves of all records except one, arrays of shape (n,)
     - `x`: intensities, shape (x,), > 0; `confidence`: in (0, 1)
     """
 
@@ -342,7 +345,7 @@ fit_each_counts = StoredProgram(jax.vmap(fit_counts, (None, 0, 0)), name="counts
 def _slopes_of_fit(capacity, censor_limit):
     """Return the derivatives of ln(median) and dispersion with respect to each capacity, shape (2, n).
 
-    The derivatives are 0 for censored records, whose `capacity` is inf. `censor_limit` has the lower bounds
+    Censored records have the `capacity` inf and the derivatives 0. `censor_limit` contains the lower bounds
     of their capacities, shape (n,).
     """
     has_capacity = jnp.isfinite(capacity)
@@ -356,7 +359,7 @@ def _slopes_of_fit(capacity, censor_limit):
 
 
 def _explain_failure(method: str, data: _Outcomes) -> str:
-    """Return the reason that no curve can be fitted, and the cure."""
+    """Return the reason why no curve can be fitted, and the cure."""
     capacities, total = data.capacity[np.isfinite(data.capacity)], data.capacity.size
     if method == "capacities":
         if capacities.size < 2:

@@ -1,4 +1,4 @@
-"""Distributions of parameters, and draws from them."""
+"""Distributions of parameters, and random draws of their values."""
 
 from __future__ import annotations
 

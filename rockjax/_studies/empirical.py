@@ -15,8 +15,8 @@ class Sample(NamedTuple):
     """Independent values of a scalar, some of which may be unknown.
 
     - `values`: values, shape (n,); ±inf is allowed
-    - `is_open`: True where a value is unknown, shape (n,). Estimates use the entry of `values` in place of an
-      unknown value; confidence bounds hold whatever the unknown values are
+    - `is_open`: True where a value is unknown, shape (n,). In place of an unknown value, estimates use the
+      entry of `values`. Confidence bounds hold whatever the unknown values are
     """
 
     values: np.ndarray
@@ -49,9 +49,9 @@ class Estimates(NamedTuple):
 def band_half_width(n: int, confidence: float) -> float:
     """Return the half width of the confidence band of an empirical distribution function [–].
 
-    ε = √(ln(2/a)/(2n)) with a = 1 − confidence, (E1), from the inequality of Dvoretzky, Kiefer and Wolfowitz
-    with the constant of Massart (1990). The band holds for every n ≥ 1 and every distribution, at all values
-    at once.
+    For n values the half width is ε = √(ln(2/a)/(2n)) with a = 1 − confidence, (E1), from the inequality of
+    Dvoretzky, Kiefer and Wolfowitz with the constant of Massart (1990). The band holds for every n ≥ 1 and
+    every distribution, at all values at once.
     """
     return math.sqrt(math.log(2 / (1 - confidence)) / (2 * n))
 
@@ -77,23 +77,23 @@ def distribution(sample: Sample, at: np.ndarray, confidence: float) -> Estimates
 
 
 def quantiles(sample: Sample, probability: np.ndarray, confidence: float) -> Estimates:
-    """Return quantiles, and confidence intervals whose ends are order statistics, one for each probability.
+    """Return the quantile and its confidence interval for each probability.
 
-    The estimate is the least value x at which the empirical distribution function is ≥ probability. The
-    interval follows from the number of values below a quantile, which is binomial for continuous
-    distributions, (E2) (David and Nagaraja, Order Statistics, 2003, section 7.1). For every distribution, the
-    true quantile lies below the interval with a probability of at most (1 − confidence)/2, and above it with
-    a probability of at most (1 − confidence)/2. With too few values the lower bound is −∞, or the upper bound
-    +∞.
+    The estimate is the least value at which the empirical distribution function is ≥ probability. The ends of
+    the interval are order statistics (values of the sorted sample). They follow from the number of values
+    below a quantile, which is binomial for continuous distributions, (E2) (David and Nagaraja, Order
+    Statistics, 2003, section 7.1). For every distribution, the true quantile lies below the interval with a
+    probability of at most (1 − confidence)/2, and above it with a probability of at most (1 − confidence)/2.
+    If there are too few values, the lower bound is −∞ or the upper bound is +∞.
 
     - `sample`: the values
-    - `probability`: in (0, 1), shape (q,)
+    - `probability`: probabilities of not exceeding the quantiles, in (0, 1), shape (q,)
     - `confidence`: confidence level of each interval, in (0, 1)
     """
     from scipy.stats import binom
 
     n, tail = sample.size, (1 - confidence) / 2
-    # The factor prevents that a rounding error of n·probability raises the rank by 1.
+    # The factor prevents a rounding error of n·probability from raising the rank by 1.
     rank = np.ceil(n * probability * (1 - 1e-12)).astype(int)
     # Ranks 0 and n + 1 are the bounds −∞ and +∞.
     low = binom.ppf(tail, n, probability).astype(int)
@@ -106,7 +106,8 @@ def quantiles(sample: Sample, probability: np.ndarray, confidence: float) -> Est
 def probability_interval(least: int, most: int, n: int, confidence: float) -> tuple[float, float]:
     """Return the Clopper–Pearson interval of a probability.
 
-    - `least`, `most`: number of events if no trial with an unknown outcome is an event, and if all are
+    - `least`, `most`: least and largest possible number of events: no trial, or every trial, with an unknown
+      outcome is an event
     - `n`: number of trials
     - `confidence`: confidence level, in (0, 1)
     """
@@ -121,9 +122,9 @@ class Comparison(NamedTuple):
 
     - `statistic`: D, the largest distance between the empirical distribution functions [–]
     - `at`: value at which the functions have the distance D
-    - `p_value`: approximate probability that two samples from one distribution have a distance ≥ D [–]. If
-      there are unknown values, the least distance that they allow replaces D. For discontinuous distributions
-      `p_value` is too large, and for samples of less than about 20 values it may be too small
+    - `p_value`: approximate probability that two samples from the same distribution have a distance ≥ D [–].
+      If there are unknown values, the least distance that they allow replaces D. For discontinuous
+      distributions `p_value` is too large; for samples of less than about 20 values it may be too small
     - `lower`, `upper`: confidence interval of the largest distance between the true distributions, from the
       bands of both samples, (E3) [–]. If `lower` > 0, the distributions differ at this confidence
     - `confidence`: confidence level of the interval [–]
@@ -158,7 +159,7 @@ def compare(first: Sample, second: Sample, confidence: float) -> Comparison:
     least = max(float(np.max(np.maximum(low_1 - high_2, low_2 - high_1))), 0.0)
     most = float(np.max(np.maximum(high_1 - low_2, high_2 - low_1)))
     n, m = first.size, second.size
-    # Probability that two samples from one distribution do not overlap; no result is less probable.
+    # Probability that two samples from the same distribution do not overlap; no result is less probable.
     no_overlap = 2 * math.exp(gammaln(n + 1) + gammaln(m + 1) - gammaln(n + m + 1))
     widths = sum(band_half_width(size, (1 + confidence) / 2) for size in (n, m))
     return Comparison(

@@ -1,6 +1,6 @@
 """Ensembles: scenes with random parameters and motions, and empirical distributions of their peaks.
 
-The equations (E1) to (E3) are in docs/ensembles.md.
+A scene is one podium under one ground motion. The equations (E1) to (E3) are in docs/ensembles.md.
 """
 
 from __future__ import annotations
@@ -59,28 +59,28 @@ def ensemble(
 ) -> Ensemble:
     """Compute peak responses of random variants of a podium under random motions.
 
-    All scenes form one batch. The confidence bounds of [`rockjax.Ensemble`][] hold for every n, because the
-    scenes are independent; arrays in `spread` must therefore be independent draws. The bounds do not include
-    the uncertainty from choosing the motions.
+    All scenes form one batch. The confidence bounds of [`rockjax.Ensemble`][] hold for every n if the scenes
+    are independent; arrays in `spread` must therefore contain independent draws. The bounds do not include
+    the uncertainty from the choice of the motions.
 
     - `podium`: podium with scalar parameters; the scenes are variants of it
-    - `motions`: one motion; or several (`Motions`, `Records`, a list), of which each scene draws one with
-      equal probability
-    - `spread`: dict of parameter name → a frozen distribution of `scipy.stats`, a number, or an array of
-      drawn values, shape (n,). Valid names are those of [`rockjax.grid`][], and `initial.theta` [rad] and
-      `initial.theta_dot` [rad/s] of the initial state; with an elastic superstructure also `initial.u_t` [m]
-      and `initial.u_t_dot` [m/s], which are the same for all modes
+    - `motions`: one motion, or several (`Motions`, `Records` or a list); each scene then draws one of them
+      with equal probability
+    - `spread`: dict with a frozen distribution of `scipy.stats`, a number, or an array of drawn values, shape
+      (n,), for each parameter name. Valid names are those of [`rockjax.grid`][], and `initial.theta` [rad]
+      and `initial.theta_dot` [rad/s] of the initial state; with an elastic superstructure also `initial.u_t`
+      [m] and `initial.u_t_dot` [m/s], which are the same for all modes
     - `n`: number of scenes, ≥ 1
     - `seed`: seed of the random numbers, ≥ 0. The draws of a parameter depend only on its distribution and
       name, on `seed` and on `n`
     - `initial`: initial state; by default at rest
-    - `t_end`: end of each scene [s]; by default as for [`rockjax.peak_responses`][]
-    - `options`: options of the scenes; the output `"errors"` is needed to find undecided scenes
+    - `t_end`: latest end of each scene [s]; by default as for [`rockjax.peak_responses`][]
+    - `options`: options of the scenes; undecided scenes are found only with the output `"errors"`
     - `progress`: `True` for a progress bar, or any object with a method `update(number_of_scenes)`
 
-    Ctrl-C raises [`rockjax.Interrupted`][]. Its `partial` is an ensemble in which unsolved scenes count as
-    not finished, or None if there are no answers yet. Raises `ValueError` for invalid inputs, unknown names,
-    and draws out of range, before any scene is solved.
+    Returns a [`rockjax.Ensemble`][]. Ctrl-C raises [`rockjax.Interrupted`][]; its `partial` is an ensemble in
+    which unsolved scenes count as not finished, or None if there are no answers yet. Before any scene is
+    solved, `ValueError` is raised for invalid inputs, unknown names and draws out of range.
     """
     owner = "ensemble"
     check_types(owner, podium, options)
@@ -137,7 +137,7 @@ def ensemble(
 
 
 def _find_parameter(podium: Podium, name: str) -> Parameter:
-    """Return the parameter with this name, of the podium, of the motion or of the initial state."""
+    """Return the parameter of the podium, of the motion or of the initial state that has this name."""
     table = parameters_of(podium) | INITIAL
     return table[name] if name in table else motion_parameter(name.rpartition(".")[2])
 
@@ -146,21 +146,21 @@ def _find_parameter(podium: Podium, name: str) -> Parameter:
 class Ensemble:
     """Answers (peaks and other results) of random scenes, and the empirical distributions of answers.
 
-    - `data`: dataset with the dim `scene`: drawn parameters by name, `motion` (the label of the drawn motion,
-      if there are several), and the answers. `Ensemble(xarray.load_dataset(path))` restores an ensemble from
-      a file
+    - `data`: dataset with the dim `scene`. It contains the drawn parameters by name, the answers and, if
+      there are several motions, the label `motion` of the drawn motion. `Ensemble(xarray.load_dataset(path))`
+      restores an ensemble from a file
     - `peaks`: the answers as a [`rockjax.Peak`][] of shape (n,); None if restored from a file
     - `variants`: podium, motions and initial state, used by `scene`; None if restored from a file
 
     Distributions include every scene:
 
-    - a scene that overturned has the worst possible value: +∞ for a peak, −∞ for a `least_…` answer. The
+    - A scene that overturned has the worst possible value: +∞ for a peak, −∞ for a `least_…` answer. The
       margin and other answers that are also defined for overturned scenes keep the computed value
-    - the value of a scene that did not finish (`unanswered`) or that is `undecided` counts as unknown, and so
+    - The value of a scene that did not finish (`unanswered`) or that is `undecided` counts as unknown, and so
       does NaN. Confidence bounds hold whatever the unknown values are. Estimates use the computed value of an
-      `undecided` scene; in place of other unknown values they use +∞ (−∞ for the margin and `least_…`
-      answers)
-    - the time of an uplift or an overturning that does not occur is +∞
+      `undecided` scene. In place of other unknown values they use +∞, or −∞ for the margin and for answers
+      named `least_…` or `smallest_…`
+    - If no uplift or no overturning occurs, its time is +∞
 
     Raises `ValueError` if `data` is not a dataset of [`rockjax.ensemble`][].
     """
@@ -207,8 +207,8 @@ class Ensemble:
 
     @functools.cached_property
     def undecided(self) -> np.ndarray:
-        """True for scenes that finished but whose outcome the error estimates leave open, shape (n,); all
-        False without the output `"errors"`."""
+        """True for scenes that finished, but whose outcome is open according to the error estimates, shape
+        (n,); all False without the output `"errors"`."""
         flags = self.data["undecided"].values.astype(bool) if "undecided" in self.data else False
         return flags & ~self.unanswered
 
@@ -226,7 +226,7 @@ class Ensemble:
         return self.variants.scenes({name: values[k] for name, values in self.draws.items()}, k)
 
     def sample(self, output: str = "peak_rotation", component: int | None = None) -> Sample:
-        """Return the values of an answer, and which of them are unknown.
+        """Return the values of an answer in all scenes, and flags for unknown values.
 
         - `output`: name of an answer: a scalar, such as `"peak_rotation"` or `"peak_shear"`, or an answer
           with an axis of modes, stories or joints
@@ -274,16 +274,16 @@ class Ensemble:
         """Return the empirical distribution function of an answer, with a confidence band.
 
         The band of Dvoretzky, Kiefer, Wolfowitz and Massart holds at all values at once. Its half width is
-        √(ln(2/a)/(2n)) with a = 1 − confidence, (E1), for example 0.0136 for n = 10⁴ and 95 %. Scenes with
-        unknown values widen the band by their share.
+        √(ln(2/a)/(2n)) with a = 1 − confidence, (E1), for example 0.0136 for n = 10⁴ and 95 %. Unknown values
+        widen the band by the share of scenes that have them.
 
         - `output`, `component`: the answer, as for `sample`
         - `at`: values at which the function is evaluated, shape (x,); by default all finite values of the
           answer
         - `confidence`: confidence level of the band, in (0, 1)
 
-        Returns a Dataset over `at` with `probability`, `lower` and `upper`; the `counts` of scenes are
-        attributes. Raises `ValueError` for invalid inputs.
+        Returns a Dataset over `at` with `probability` and the ends `lower` and `upper` of the band. The
+        `counts` of scenes are attributes. Raises `ValueError` for invalid inputs.
         """
         import xarray
 
@@ -317,15 +317,17 @@ class Ensemble:
         component: int | None = None,
         confidence: float = CONFIDENCE,
     ) -> xarray.Dataset:
-        """Return quantiles of an answer, and confidence intervals whose ends are order statistics, (E2).
+        """Return quantiles of an answer and their confidence intervals, (E2). The ends of an interval are
+        values of the sorted sample.
 
         - `output`, `component`: the answer, as for `sample`
         - `probability`: probabilities of not exceeding the quantiles, in (0, 1), shape (q,)
         - `confidence`: confidence level of each interval, in (0, 1)
 
-        Returns a Dataset over `probability` with `quantile`, `lower` and `upper`. A quantile of a peak is +∞
-        if its probability exceeds the share of scenes that finished without overturning. If n is too small,
-        `lower` is −∞ or `upper` is +∞. Raises `ValueError` for invalid inputs.
+        Returns a Dataset over `probability` with `quantile` and the ends `lower` and `upper` of its interval.
+        A quantile of a peak is +∞ if its probability exceeds the share of scenes that finished without
+        overturning. If n is too small, `lower` is −∞ or `upper` is +∞. Raises `ValueError` for invalid
+        inputs.
         """
         import xarray
 
@@ -369,7 +371,7 @@ class Ensemble:
 
         - `other`: ensemble with another seed, because the samples must be independent
         - `output`, `component`: the answer, as for `sample`
-        - `confidence`: confidence level of the bounds of the distance between both distributions, in (0, 1)
+        - `confidence`: confidence level of the bounds on the distance between the distributions, in (0, 1)
 
         Returns a [`rockjax.Comparison`][]. Raises `ValueError` if both ensembles have the same seed, and for
         other invalid inputs.
@@ -455,9 +457,9 @@ def _variables(
 ) -> dict[str, Any]:
     """Return the dataset variables of estimates and their bounds.
 
-    - `dim`: name of the axis; `names`: names of estimate, lower and upper bound
-    - `estimates`: the estimates
-    - `attrs`: attributes `units` and, if it has one, `long_name` of the estimated quantity
+    - `dim`: name of the axis; `names`: names of estimate, lower bound and upper bound
+    - `estimates`: the estimates and their bounds
+    - `attrs`: attribute `units` and optionally `long_name` of the estimated quantity
     """
     prefixes = "", "lower bound of the ", "upper bound of the "
     long_name = attrs.get("long_name") or names[0]

@@ -1,6 +1,6 @@
 """Floor response spectra: largest responses of oscillators on the deck and on floors.
 
-The equations (L…) are in docs/floors.md and docs/equations.md.
+A scene is one podium under one ground motion. The equations (L…) are in docs/floors.md and docs/equations.md.
 """
 
 from __future__ import annotations
@@ -53,8 +53,8 @@ from rockjax._structures import Podium
 if TYPE_CHECKING:
     import xarray
 
-# Variables of the dataset: name → (unit, meaning). Those of SPECTRA and PER_OSCILLATOR have the dims level,
-# damping and period; those of PER_LEVEL have only level, and those of PER_SCENE none of the three.
+# Variables of the dataset: name → (unit, meaning). The variables of SPECTRA and PER_OSCILLATOR have the dims
+# level, damping and period, those of PER_LEVEL only the dim level, and those of PER_SCENE none of these dims.
 SPECTRA = {
     "pseudo_acceleration": ("m s-2", "pseudo-acceleration ω² max|x|"),
     "absolute_acceleration": ("m s-2", "largest absolute acceleration of the oscillator"),
@@ -103,42 +103,45 @@ def floor_spectrum(
     impacts are included exactly.
 
     - `podium`: podium with scalar parameters
-    - `excitation`: one motion; or `Motions`, `Records` or a list, which add a dim `motion`
+    - `excitation`: one motion; or a suite (`Motions`, `Records` or a list), which adds the dim `motion`
     - `periods`: periods T_e of the oscillators, shape (n,), > 0 [s]
     - `damping`: damping ratios ζ of the oscillators, one or several, in [0, 1) [–]
-    - `level`: `"deck"` (the beam), the number of a story from 1 at the bottom, or a list of several levels
-    - `weights`: weights of the modes that define a floor, (L2), shape (modes,) [–], in place of `level`; None
-      for the floors of `level`
+    - `level`: `"deck"` (the beam), the number of a story from 1 at the bottom, or a list of levels
+    - `weights`: weights of the modes that define a floor, (L2), shape (modes,) [–]; they replace `level`.
+      None for the floors of `level`
     - `direction`: `"horizontal"` or `"vertical"`
     - `initial`, `options`: initial state and options of the scenes
-    - `t_end`: end of the scenes [s]; by default as for [`rockjax.simulate`][], but at least 5 times the
-      longest T_e after the end of the ground motion
+    - `t_end`: latest end of the scenes [s]; by default as for [`rockjax.simulate`][], but at least 5 times
+      the longest T_e after the end of the ground motion
     - `fixed_base`: also compute the spectra of the ground, `ground_pseudo_acceleration` …, and of the same
       floors on a base that never lifts, `fixed_base_pseudo_acceleration` …
     - `sensitivities`: parameters y for which y ∂/∂y of the spectra is computed as well, (L8), as in
       [`rockjax.peak_responses`][]
     - `progress`: `True` for a progress bar over the motions, or any object with a method `update(number)`
 
-    Returns a Dataset. Its dim `motion` exists only for several motions. With ω = 2π/T_e and the displacement
-    x of an oscillator relative to its floor, it has the following spectra, with the dims (motion, level,
-    damping, period):
+    Returns a Dataset. For a single motion it has no dim `motion`. The spectra have the dims (motion, level,
+    damping, period). In the list, ω = 2π/T_e, and x is the displacement of an oscillator relative to its
+    floor:
 
     - `pseudo_acceleration`: ω² max|x| [m/s²]
     - `absolute_acceleration`: largest absolute acceleration of the oscillator [m/s²]
     - `relative_displacement`: max|x| [m]; `peak_time`: time at which max|x| is first reached [s]
-    - `remaining_ratio`: upper bound of |x| after the end of the scene, divided by max|x|; inf if there is no
-      bound. The spectrum is final where this ratio is at most 1
+    - `remaining_ratio`: upper bound of |x| after the end of the scene, divided by max|x| [–]; inf if no bound
+      is known. The spectrum is final where this ratio is at most 1
     - `pseudo_acceleration_sensitivity` …: sensitivities, with the further dim `parameter`
 
-    Other variables describe floors, with the dims (motion, level), and scenes, with the dim motion:
+    Variables of floors have the dims (motion, level):
 
     - `peak_acceleration`: peak acceleration of the floor without velocity jumps [m/s²]
     - `peak_velocity_jump`: largest velocity jump of the floor [m/s]
-    - `overturned`, `overturn_time`: whether and when the podium overturned. The values of a scene that
-      overturns cover only the time until overturning
-    - `result`: the result of the scene, or with `fixed_base` the cause if a scene on the fixed base does not
-      finish. Without `options.throw`, the values of a scene that does not finish cover
-      only the time until it stopped
+
+    Variables of scenes have the dim motion:
+
+    - `overturned`, `overturn_time`: whether the podium overturned, and the time of overturning [s]. The
+      spectra of a scene that overturns cover only the time until then
+    - `result`: the result of the scene on the podium or, if the scene on the fixed base does not finish, the
+      result of the latter. Without `options.throw`, the spectra of a scene that does not finish cover only
+      the time until the scene stopped
 
     Raises `ValueError` for invalid inputs and, with `options.throw`, `RuntimeError` for a scene that does not
     finish.
@@ -207,8 +210,8 @@ def floor_spectrum(
 class _Request(NamedTuple):
     """The requested spectra, the same for every scene.
 
-    - `weights`: level → weights of the modes, shape (modes,)
-    - `stories`: level → number of the story, for all levels except the deck; empty if `names` is empty
+    - `weights`: weights of the modes for each level, shape (modes,)
+    - `stories`: number of the story for each level except the deck; empty if `names` is empty
     - `periods`, `damping`: axes of the spectra, 1-D arrays [s], [–]
     - `direction`: "horizontal" or "vertical"
     - `names`: names of the parameters for which sensitivities are computed
@@ -293,8 +296,8 @@ def _spectrum(response: Response, start: State, t_end: float, request: _Request)
         ends_at_rest = bool(ended.rests) and not np.any(remaining_impulse) and not is_incomplete
         peaks = largest(load, period, damping, ends_at_rest, tuple(load_slopes))
         displacement, acceleration = peaks.values
-        # Bound of |x| after the end of the scene. If the floor comes to rest, max|x| already includes the
-        # free vibration after the end, so the ratio is at most 1.
+        # Bound of |x| after the end of the scene. If the floor ends at rest, max|x| already includes the free
+        # vibration after the end, so the ratio is at most 1.
         later_displacement = (
             np.minimum(peaks.later, displacement)
             if ends_at_rest
@@ -364,14 +367,14 @@ def _attributes(unit: str, meaning: str) -> dict[str, str]:
 
 
 def broadened(spectrum: xarray.Dataset, ratio: float = 0.15) -> xarray.Dataset:
-    """Return a floor spectrum with broadened peaks: at each period T, the largest value of the spectrum at
-    the periods from T/(1+β) to T/(1−β), (L11).
+    """Return a floor spectrum with broadened peaks. The value at each period T is the largest value of the
+    spectrum between the periods T/(1+β) and T/(1−β), (L11).
 
-    - `spectrum`: result of [`rockjax.floor_spectrum`][] with ascending periods, or of [`rockjax.envelope`][]
+    - `spectrum`: result of [`rockjax.floor_spectrum`][] or [`rockjax.envelope`][], with ascending periods
     - `ratio`: β, in [0, 1) [–]; 0.15 is usual for nuclear facilities
 
-    The spectrum is interpolated linearly in log T between its periods, and not extrapolated. The result has
-    only the variables `pseudo_acceleration`, `absolute_acceleration` and `relative_displacement`. Raises
+    Between its periods, the spectrum is interpolated linearly in log T. It is not extrapolated. The result
+    has only the variables `pseudo_acceleration`, `absolute_acceleration` and `relative_displacement`. Raises
     `ValueError` for another dataset, for periods that do not ascend, and for a ratio out of range.
     """
     owner = "broadened"

@@ -1,4 +1,7 @@
-"""Incremental dynamic analysis of records, and the distribution of their least overturning scale factors."""
+"""Incremental dynamic analysis of records, and the distribution of their least overturning scale factors.
+
+A scene is one podium under one scaled record. Its outcome is survival or overturning.
+"""
 
 from __future__ import annotations
 
@@ -37,15 +40,16 @@ from .spectra import boundary_axis
 if TYPE_CHECKING:
     import xarray
 
-DEFAULT_OPTIONS = Options()  # the default of `peak_responses`, so that both share compiled programs
+# The default options of `peak_responses` as well, so that the analyses reuse its compiled programs.
+DEFAULT_OPTIONS = Options()
 
 
 class Measure(NamedTuple):
     """An intensity measure that is proportional to the scale of a record.
 
     - `name`: name, such as "PGA" or "Sa(0.5 s)"
-    - `values`: intensities of the unscaled records, shape (k,), > 0
-    - `units`: unit, such as "m s-2"
+    - `values`: intensities of the k unscaled records, shape (k,), > 0
+    - `units`: unit of the values, such as "m s-2"
     """
 
     name: str
@@ -99,11 +103,11 @@ def levels_of(
 def record_labels(owner: str, records: Records | RecordPairs, names: Sequence[str] | None) -> list:
     """Return the labels of records: their names, or integers from 1 if `names` is None.
 
-    - `owner`: function that error messages name
+    - `owner`: name of the calling function, for messages
     - `records`: the records
     - `names`: a name for each record, or None
 
-    Raises `ValueError` unless there is one name for each record and all are different.
+    Raises `ValueError` unless there is one name for each record, and all names are different.
     """
     count = len(records)
     labels = list(range(1, count + 1)) if names is None else list(as_strings(owner, "names", names))
@@ -126,8 +130,9 @@ def _record_variables(boundaries, impacts, certain_width, measure: Measure) -> d
     """Return the variables of an incremental dynamic analysis that do not depend on the intensity.
 
     - `boundaries`: intensities at which the outcome changes, shape (records, boundaries)
-    - `impacts`: impacts before overturning at each boundary, shape (records, boundaries)
-    - `certain_width`: largest width of a missed interval, shape (records,)
+    - `impacts`: number of impacts before overturning at each boundary, shape (records, boundaries)
+    - `certain_width`: largest width of an overturning interval below the capacity that the search may have
+      missed, shape (records,)
     - `measure`: intensity measure
     """
     name = measure.name
@@ -160,11 +165,12 @@ def incremental_dynamic_analysis(
     options: Options = DEFAULT_OPTIONS,
     progress: Any = False,
 ) -> xarray.Dataset:
-    """Compute peak responses to scaled records, and the intensities at which the outcome changes.
+    """Compute peak responses to scaled records, and the intensities at which the outcome changes between
+    survival and overturning.
 
     - `podium`: podium with scalar parameters
     - `records`: `Motions`, `Records`, or a list of motions or records. Vertical components, of
-      `Motions.paired` or of [`rockjax.GroundMotion`][], have the same factors as the horizontal ones. The
+      `Motions.paired` or of [`rockjax.GroundMotion`][], are scaled like the horizontal components. The
       measure refers to the horizontal components
     - `intensity`: levels of intensity to which each record is scaled, shape (m,), > 0 and ascending, in the
       unit of `measure`
@@ -172,28 +178,28 @@ def incremental_dynamic_analysis(
       [`rockjax.Measure`][]
     - `names`: names of the records; by default the names of the motions, or integers from 1
     - `sensitivities`: parameters y of the podium for which d ln(capacity)/d ln y is computed
-    - `width`: the search for the capacity finds every interval of overturning intensities that is wider than
-      this share of the highest level, in (0, 0.1]
-    - `resolution`: the search starts with the ends of this number of equal intervals between 0 and the
-      highest level. More intervals show more boundaries above the capacity
+    - `width`: the search for the capacity is designed to find every interval of overturning intensities that
+      is wider than this share of the highest level, in (0, 0.1]
+    - `resolution`: number of equal intervals between 0 and the highest level; the search starts with the ends
+      of these intervals. More intervals show more boundaries above the capacity
     - `options`: options of the scenes. With `overturn_ratio` < 1 the limit state is |θ|/α = `overturn_ratio`
       instead of overturning
     - `progress`: `True` for progress bars, or any object with a method `update(number_of_scenes)`
 
-    Returns a Dataset. The answers that every scene has, such as `overturned`, and those that
+    Returns a Dataset. The answers that every scene has, such as `overturned`, and the answers that
     `options.outputs` requests (see [`rockjax.Peak`][]) have the dims `record` and `intensity`. The following
-    variables do not depend on `intensity`, and have the dim `record`:
+    variables do not depend on the intensity; their first dim is `record`:
 
     - `capacity`: the least intensity at which the record overturns the podium; NaN if there is none up to the
       highest level
-    - `boundaries` (additional dim `boundary`): intensities at which the outcome changes between survival and
-      overturning, ascending, padded with NaN; with the default options exact to about 1e-9. Above the
-      capacity their number grows with `resolution` without limit, because rocking through many impacts
-      creates ever narrower survival windows
-    - `boundary_impacts` (additional dim `boundary`): impacts before overturning; −1 where there is no
-      boundary
-    - `certain_width`: largest width that a missed interval of overturning intensities below the capacity can
-      have
+    - `boundaries` (additional dim `boundary`): intensities at which the outcome changes, ascending, padded
+      with NaN. With the default options their relative error is about 1e-9. Above the capacity, the number of
+      boundaries grows with `resolution` without limit, because rocking through many impacts creates ever
+      narrower survival windows
+    - `boundary_impacts` (additional dim `boundary`): number of impacts before overturning, in a scene on the
+      overturned side of the boundary; −1 where there is no boundary
+    - `certain_width`: largest width of an interval of overturning intensities below the capacity that the
+      search may have missed
     - `measure`: intensity of the unscaled record
     - `sensitivity` (additional dim `parameter`): d ln(capacity)/d ln y
 
@@ -217,14 +223,14 @@ def incremental_dynamic_analysis(
     def plane(x, y):
         """Return the scenes of records with the indices x, scaled to intensities y."""
         record_index = np.asarray(x).astype(np.int32)
-        # These are NumPy operations, because JAX would compile a program for every shape.
+        # NumPy is used here, because JAX would compile a program for every shape.
         return podium, records.pick_scaled(record_index, y / unscaled[record_index])
 
     import_in_background(*TABLE_MODULES)
     indices, y_range = np.arange(count), (0.0, float(levels[-1]))
     precompile_scan(plane, indices, y_range, options, width)
     peaks = peak_responses(*plane(indices[:, None], levels), options=options, progress=progress)
-    # With `refine_curved=True` the search would find ever narrower survival windows above the capacity.
+    # With `refine_curved=True` the search would look for ever narrower survival windows above the capacity.
     search = scan(
         plane, indices, y_range, resolution, options, progress, refine_curved=False, width=width, dips=False
     )
@@ -302,18 +308,19 @@ def overturning_distribution(
 ) -> Lognormal:
     """Return the differentiable median and dispersion of the least overturning scale factors of records.
 
-    The function works under `jit`, `vmap` and `grad` with respect to the parameters of `podium`. If no factor
-    up to `max_scale` on a record overturns the podium, the record is censored: its least factor is only known
-    to be above `max_scale`. The result is NaN if fewer than two records overturn the podium, or if the least
-    factors (with `measure`, the least intensities) of these records are equal. Outside jit,
-    [`rockjax.incremental_dynamic_analysis`][] finds the same least factors on all cores.
+    The function works under `jit`, `vmap` and `grad` with respect to the parameters of `podium`. A lognormal
+    distribution is fitted to the least overturning factors of the records. If no factor up to `max_scale`
+    overturns the podium, the record is censored: its least factor is only known to be above `max_scale`. The
+    result is NaN if fewer than two records overturn the podium, or if the least factors (with `measure`, the
+    least intensities) of these records are equal. Outside jit, [`rockjax.incremental_dynamic_analysis`][]
+    finds the same least factors on all cores.
 
     - `podium`: podium with scalar parameters
     - `records`: `Motions`, `Records`, or a list of motions or records
     - `max_scale`: end of the search for each record, > 0 [–]
-    - `measure`: intensities of the unscaled records, > 0, shape (k,). The distribution is then that of the
-      least overturning intensities, in the unit of `measure`. By default all are 1, and the median is a scale
-      factor [–]
+    - `measure`: intensities of the k unscaled records, > 0, shape (k,). The result is then the distribution
+      of the least overturning intensities, in the unit of `measure`. By default all intensities are 1, and
+      the median is a scale factor [–]
     - `options`, `width`, `resolution`: as for [`rockjax.overturning_boundary`][]
 
     Raises `ValueError` for invalid inputs.

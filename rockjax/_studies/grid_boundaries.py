@@ -1,7 +1,8 @@
 """Overturning boundaries of a rocking spectrum, by bisection between grid points with different outcomes.
 
-The bisection runs the programs that are compiled for the grid. It misses boundaries between two neighbouring
-grid points with the same outcome; the search of [`rockjax.overturning_spectrum`][] is not bound to a grid.
+The outcome of a grid point is survival or overturning. The bisection runs the programs that are compiled for
+the grid. It misses boundaries between two neighbouring grid points with the same outcome; the search of
+[`rockjax.overturning_spectrum`][] is not bound to a grid.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ def with_boundaries(
     - `podiums`, `pulse`, `options`: arguments with which `spectra` were computed
     - `progress`: `True` for progress bars, or any object with a method `update(number_of_scenes)`
 
-    Where the lowest acceleration of the grid overturns, this acceleration is the first boundary. Ctrl-C
+    If the lowest acceleration of the grid already overturns the columns, it is the first boundary. Ctrl-C
     raises [`rockjax.Interrupted`][]; its `partial` is the list of the unchanged spectra.
     """
     with_boundary: dict[int, xarray.Dataset] = {}
@@ -87,10 +88,10 @@ def _outcome_function(
     options: Options,
     progress: Any,
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """Return a function that solves one scene in each of n grid intervals: acceleration ratios ↦ whether the
-    scenes overturn, both of shape (n,).
+    """Return a function that solves one scene in each of n grid intervals. Its argument is the acceleration
+    ratio of each scene, and its result is True for the scenes that overturn, both of shape (n,).
 
-    - `podiums`, `spectra`: podiums whose pytrees have the same structure, and their spectra
+    - `podiums`, `spectra`: podiums whose pytrees have the same structure, and the spectra of these podiums
     - `pulse`, `options`, `progress`: as for `with_boundaries`
     - `podium_index`, `column`: indices of the podium and of the frequency of each interval, shape (n,)
     """
@@ -109,8 +110,8 @@ def _outcome_function(
 
 
 def _add_boundaries(data: xarray.Dataset, column: np.ndarray, boundaries: np.ndarray) -> xarray.Dataset:
-    """Return a spectrum with its boundaries, ordered by frequency and then by acceleration. `column` has the
-    index of the frequency of each boundary."""
+    """Return a spectrum with its boundaries added. The arguments `column` (index of the frequency) and
+    `boundaries` are ordered by frequency and then by acceleration."""
     zeros = np.zeros(column.size, int)
     table, _ = Crossings(column, boundaries, zeros > 0, zeros).table(data.sizes["frequency_ratio"])
     ratio_attrs = {

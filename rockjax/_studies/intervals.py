@@ -1,15 +1,17 @@
 """Confidence intervals of the median, dispersion and probability of a fitted fragility curve.
 
 If the data are capacities (the least overturning intensities of records), the intervals follow from the
-profile likelihood: the largest likelihood that each value of the quantity allows. Let μ and σ be the mean and
-the standard deviation of ln(capacity). As a function of θ = 1/σ and δ = μ/σ the log-likelihood is concave
-(Olsen 1978), so its profiles have one maximum. A record is censored if its capacity is known only to exceed
-the highest level. Without censored records, the profile of the median is a function of Student's t statistic,
-and the profile of the dispersion is a function of the χ² statistic. Bounds at the quantiles of t and χ² are
-therefore exact. With censored records the same quantiles give approximate bounds.
+profile likelihood. The profile of a quantity, such as the median, assigns to each value of the quantity the
+largest likelihood of all distributions with this value. Let μ and σ be the mean and the standard deviation of
+ln(capacity). As a function of θ = 1/σ and δ = μ/σ the log-likelihood is concave (Olsen 1978), so every
+profile has only one maximum. A record is censored if its capacity is only known to exceed the highest level.
+Without censored records, the profile of the median is a function of Student's t statistic, and the profile of
+the dispersion is a function of the χ² statistic. Bounds at the quantiles of t and χ² are therefore exact.
+With censored records the same quantiles give approximate bounds.
 
-If the data are counts of overturned records at several levels, the jackknife over records is used, because
-counts at different levels come from the same records and are not independent.
+If the data are counts of overturned records at several levels, the intervals follow from the jackknife over
+records: the fit is repeated without each record in turn. The counts at different levels are not independent,
+because they come from the same records.
 """
 
 from __future__ import annotations
@@ -28,7 +30,8 @@ _MAX_DOUBLINGS = 60  # largest number of doublings of the first step in the sear
 
 
 class Intervals(NamedTuple):
-    """Bounds (first axis: lower, upper) of ln(median), ln(dispersion) and the probit Φ⁻¹(probability)."""
+    """Bounds of ln(median), ln(dispersion) and the probit Φ⁻¹(probability), with the first axis (lower,
+    upper). Φ is the standard normal distribution function."""
 
     log_median: np.ndarray
     log_dispersion: np.ndarray
@@ -73,7 +76,7 @@ class Capacities(NamedTuple):
         )
 
     def profile_at_probit(self, x, probit):
-        """Return the largest log-likelihood among distributions with P(capacity ≤ exp(x)) = Φ(probit)."""
+        """Return the largest log-likelihood of all distributions with P(capacity ≤ exp(x)) = Φ(probit)."""
         offset, limit = self.mean - x, x - self.log_limit
 
         def derivative(log_theta):
@@ -85,7 +88,7 @@ class Capacities(NamedTuple):
         return self.log_likelihood(theta, theta * x - probit)
 
     def profile_at_dispersion(self, log_dispersion):
-        """Return the largest log-likelihood among distributions with this dispersion."""
+        """Return the largest log-likelihood of all distributions with this dispersion."""
         theta = np.exp(-log_dispersion)
 
         def derivative(delta):
@@ -97,15 +100,16 @@ class Capacities(NamedTuple):
 
 
 def _inverse_mills_ratio(z):
-    """Return φ(z)/Φ(z), the standard normal density divided by the distribution function."""
+    """Return φ(z)/Φ(z), the standard normal density divided by the standard normal distribution function."""
     return np.exp(-0.5 * z * z - 0.5 * math.log(2 * math.pi) - log_ndtr(z))
 
 
 def _first_outside(condition: Callable, start: np.ndarray, direction: int) -> np.ndarray:
-    """Return points at which an elementwise condition is false: `start`, or points on one side of it.
+    """Return points at which an elementwise condition is false.
 
-    `direction`, 1 or −1, is the side. The distance from `start` is doubled until the condition is false. The
-    search ends after `_MAX_DOUBLINGS` steps, even if the condition is still true.
+    The search starts at `start` and goes upwards (`direction` 1) or downwards (`direction` −1). It doubles
+    the distance from `start` until the condition is false, at most `_MAX_DOUBLINGS` times. The condition may
+    still be true then.
     """
     point, step = start, 0.5
     for _ in range(_MAX_DOUBLINGS):
@@ -123,7 +127,7 @@ def _find_zero(f: Callable, positive: np.ndarray, negative: np.ndarray) -> np.nd
 
 
 def _find_decreasing_zero(f: Callable, start: np.ndarray) -> np.ndarray:
-    """Return the zeros of a decreasing elementwise function."""
+    """Return the zeros of a decreasing elementwise function, searched from the points `start`."""
     return _find_zero(
         f, _first_outside(lambda y: f(y) <= 0, start, -1), _first_outside(lambda y: f(y) > 0, start, 1)
     )
@@ -134,8 +138,8 @@ def profile_intervals(capacities: Capacities, median, dispersion, at, confidence
 
     - `capacities`: statistics of the capacities
     - `median`, `dispersion`: the fitted values
-    - `at`: intensities at which the curve is evaluated, in the unit of the median; broadcast with
-      `capacities`
+    - `at`: intensities at which the curve is evaluated, in the unit of the median; their shape must broadcast
+      with `capacities`
     - `confidence`: confidence level, in (0, 1)
     """
     n, (low, high) = capacities.total, ((1 - confidence) / 2, (1 + confidence) / 2)
@@ -162,14 +166,14 @@ def profile_intervals(capacities: Capacities, median, dispersion, at, confidence
 
 
 def _dispersion_bound(capacities: Capacities, log_dispersion, maximum, ratio) -> np.ndarray:
-    """Return the bound of ln(dispersion) that corresponds to a quantile of χ².
+    """Return the confidence bound of ln(dispersion) that corresponds to a quantile of χ².
 
     - `capacities`: statistics of n capacities
     - `log_dispersion`: the fitted value of ln(dispersion)
     - `maximum`: the largest log-likelihood
-    - `ratio`: (quantile of χ²)/n, which without censored records is variance/dispersion² at the bound
+    - `ratio`: (quantile of χ²)/n; without censored records this is variance/dispersion² at the bound
 
-    At the bound, the profile is as far below its maximum as it would be without censored records.
+    With or without censored records, the profile at the bound is below its maximum by the same amount.
     """
     target = np.sign(ratio - 1) * np.sqrt(capacities.total * (ratio - 1 - np.log(ratio)))
 
@@ -181,10 +185,10 @@ def _dispersion_bound(capacities: Capacities, log_dispersion, maximum, ratio) ->
 
 
 def jackknife_intervals(estimate: np.ndarray, reduced: np.ndarray, confidence: float) -> np.ndarray:
-    """Return bias-corrected jackknife intervals (lower, upper) with Student's t, shape (2, …).
+    """Return bias-corrected jackknife intervals (lower, upper) with quantiles of Student's t, shape (2, …).
 
-    - `estimate`: estimates from all records, shape (…)
-    - `reduced`: estimates from all records except one, for each of the n records, shape (n, …)
+    - `estimate`: estimates from all n records, shape (…)
+    - `reduced`: estimates from all records except one; the first axis is the omitted record, shape (n, …)
     - `confidence`: confidence level, in (0, 1)
     """
     n = len(reduced)

@@ -1,4 +1,7 @@
-"""Overturning spectra: boundaries between survival and overturning as a function of the pulse frequency."""
+"""Overturning spectra: boundaries between survival and overturning as a function of the pulse frequency.
+
+A scene is one podium under one pulse. Its outcome is survival or overturning.
+"""
 
 from __future__ import annotations
 
@@ -57,10 +60,10 @@ def overturning_spectrum(
     - `sensitivities`: parameters y for which the derivative of the minimum with respect to ln y is computed:
       `"T_p"`, and parameters of the podium, such as `"alpha"`, `"R"`, `"T_s"`. The other parameters are held
       constant
-    - `resolution`: the search starts with the ends of this number of equal intervals of the acceleration.
-      Intervals in which the overturning margin may cross zero are divided further
-    - `width`: the search for the minimum finds every interval of overturning accelerations that is wider than
-      this share of `max_acceleration_ratio`, in (0, 0.1]
+    - `resolution`: number of equal intervals of the acceleration; the search starts with the ends of these
+      intervals. Intervals in which the overturning margin may cross zero are divided further
+    - `width`: the search for the minimum is designed to find every interval of overturning accelerations that
+      is wider than this share of `max_acceleration_ratio`, in (0, 0.1]
     - `options`: options of the scenes
     - `progress`: `True` for progress bars, or any object with a method `update(number_of_scenes)`
 
@@ -68,12 +71,13 @@ def overturning_spectrum(
 
     - `minimum`: a_ov/(g tan α) with the least overturning acceleration a_ov [m/s²]; NaN if there is none
     - `boundaries` (additional dim `boundary`): accelerations at which the outcome changes, ascending, padded
-      with NaN; with the default options exact to about 1e-10
-    - `impacts` (additional dim `boundary`): impacts before overturning; −1 where there is no boundary
+      with NaN. With the default options their relative error is about 1e-10
+    - `impacts` (additional dim `boundary`): number of impacts before overturning, in a scene on the
+      overturned side of the boundary; −1 where there is no boundary
     - `one_sided`: True where a small change of the parameters may make the minimum jump to a much lower
       acceleration
-    - `certain_width`: largest width that an undetected interval of overturning accelerations below the
-      minimum can have
+    - `certain_width`: largest width of an interval of overturning accelerations below the minimum that the
+      search may have missed
     - `sensitivity` (additional dim `parameter`): (d a_ov/d ln y)/(g tan α); g tan α is not differentiated
 
     Raises `ValueError` for invalid inputs, and `RuntimeError` if at some frequency no scene finishes.

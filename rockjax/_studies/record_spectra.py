@@ -1,4 +1,7 @@
-"""Effect of records on columns of different sizes: closeness to overturning, and displacement."""
+"""Effect of records on columns of different sizes: closeness to overturning, and displacement.
+
+A scene is one podium under one scaled record.
+"""
 
 from __future__ import annotations
 
@@ -49,21 +52,22 @@ def record_spectrum(
     - `p`: frequency parameters √(3g/4R), shape (n,), > 0, ascending [rad/s]
     - `max_scale`: largest factor on the records in the search for overturning, > 0 [–]
     - `names`: names of the records; by default the names of the motions, or integers from 1
-    - `width`: the search for the least overturning factor finds every interval of overturning factors that is
-      wider than this share of `max_scale`, in (0, 0.1]
-    - `resolution`: the search starts with the ends of this number of equal intervals between 0 and
-      `max_scale`
+    - `width`: the search for the least overturning factor is designed to find every interval of overturning
+      factors that is wider than this share of `max_scale`, in (0, 0.1]
+    - `resolution`: number of equal intervals between 0 and `max_scale`; the search starts with the ends of
+      these intervals
     - `options`: options of the scenes
     - `progress`: `True` for progress bars, or any object with a method `update(number_of_scenes)`
 
     Returns a Dataset over `record` and `p`:
 
-    - `demand`: PGA of the record divided by the least PGA that overturns the structure, i.e. 1 divided by the
-      least overturning factor on the record [–]; NaN if there is no such factor up to `max_scale`
+    - `demand`: PGA of the record divided by the least PGA that overturns the structure [–]. This is 1 divided
+      by the least overturning factor on the record; NaN if no factor up to `max_scale` overturns the
+      structure
     - `peak_rotation`, `overturned`: max|θ|/α, and whether the structure overturns, under the unscaled record
-    - `top_displacement`: max|u_b| = 2R [sin α − sin(α − max|θ|)], Eq. (13), the displacement of the column
-      tops relative to the ground under the unscaled record [m]; NaN where the structure overturns. Far from
-      overturning, this displacement is almost independent of the size
+    - `top_displacement`: max|u_b| = 2R (sin α − sin(α − max|θ|)), Eq. (13) of docs/model.md, the largest
+      displacement of the column tops relative to the ground under the unscaled record [m]; NaN where the
+      structure overturns. Far from overturning, this displacement is almost independent of the size
 
     Raises `ValueError` for invalid inputs, and `RuntimeError` if for some record and size no scene finishes.
     """
@@ -82,8 +86,8 @@ def record_spectrum(
     R = 0.75 * float(podium.g) / sizes**2  # Eq. (25)
 
     def plane(x, y):
-        """Return the scenes of cells with the indices x, with the records scaled by y. A cell is a pair of
-        record and size; the size varies fastest."""
+        """Return the scenes of the cells with the indices x, with the records scaled by y. A cell is a pair
+        of a record and a size; the size varies fastest."""
         record, size = np.divmod(np.asarray(x).astype(np.int32), sizes.size)
         return podium.replace(R=R[size]), records.pick_scaled(record, y)
 

@@ -1,4 +1,7 @@
-"""Rocking spectra: peak responses over the dimensionless frequency and acceleration of pulses."""
+"""Rocking spectra: peak responses over the dimensionless frequency and acceleration of pulses.
+
+A scene is one podium under one pulse.
+"""
 
 from __future__ import annotations
 
@@ -53,18 +56,21 @@ def rocking_spectrum(
     - `options`: options of the scenes; `options.outputs` selects the variables
     - `progress`: `True` for a progress bar, or any object with a method `update(number_of_scenes)`
     - `resume`: an incomplete spectrum, the `partial` of the [`rockjax.Interrupted`][] that Ctrl-C raised;
-      only its missing scenes are solved. None to solve all scenes
+      only the missing scenes of this spectrum are solved. None to solve all scenes
     - `sensitivities`: parameters y for which y ∂/∂y of every requested peak is computed, as in
       [`rockjax.peak_responses`][]: `"alpha"`, `"gamma"`, …, `"a_p"`, `"T_p"`. The other parameters are held
       constant, so a_p and T_p do not change with the parameters of the podium
 
-    Returns a Dataset with dims `(acceleration_ratio, frequency_ratio)`. Its variables are the answers that
-    every scene has, such as `overturned`; the answers that `options.outputs` requests, see
-    [`rockjax.Peak`][] (`"errors"` gives `peak_rotation_error` … and `undecided`); and the sensitivities of
-    requested peaks, `peak_rotation_sensitivity` … (additional dim `parameter`). The dimensional axes `T_p`
-    [s] and `a_p` [m/s²] are additional coordinates. With the output `"axial_force"` there is a further
-    coordinate `dead_load`, the axial force N/(m_c g) at rest, averaged over the columns. The attributes
-    contain parameters, tolerances and versions.
+    Returns a Dataset with the dims `acceleration_ratio` and `frequency_ratio`. Its variables are
+
+    - the answers that every scene has, such as `overturned`
+    - the answers that `options.outputs` requests, see [`rockjax.Peak`][]; `"errors"` gives
+      `peak_rotation_error` … and `undecided`
+    - the sensitivities of requested peaks, such as `peak_rotation_sensitivity` (additional dim `parameter`)
+
+    The coordinates `T_p` [s] and `a_p` [m/s²] are the same axes with dimensions. With the output
+    `"axial_force"`, a further coordinate `dead_load` is the axial force at rest divided by the weight of a
+    column, N/(m_c g), averaged over the columns. The attributes contain parameters, tolerances and versions.
 
     Ctrl-C raises [`rockjax.Interrupted`][]; its `partial` is the incomplete spectrum, or None if no scene was
     solved. Raises `ValueError` for axes that are empty, not 1-D, not finite or out of range, for
@@ -109,9 +115,9 @@ def rocking_spectra(
     - `podiums`: podiums with scalar parameters
     - `pulse`, `frequency_ratio`, `acceleration_ratio`, `options`, `progress`, `sensitivities`: as for
       [`rockjax.rocking_spectrum`][]
-    - `resume`: the `partial` of the exception, a list with an incomplete spectrum or None for each podium.
-      Missing scenes of an incomplete spectrum are solved; None in the list stands for a podium whose scenes
-      are all solved, None instead of the list for all podiums
+    - `resume`: None to solve all scenes, or the `partial` of the exception: a list with an incomplete
+      spectrum or None for each podium. For an incomplete spectrum, only its missing scenes are solved; for
+      None, all scenes of the podium are solved
 
     Returns a spectrum for each podium, as from [`rockjax.rocking_spectrum`][]. Raises `ValueError` as that
     function does.
@@ -133,7 +139,7 @@ def _spectra(
     resume: Sequence[xarray.Dataset | None] | None,
     sensitivities: Sequence[str],
 ) -> list[xarray.Dataset]:
-    """Compute the spectra of `rocking_spectra`; `owner` is the function that error messages name."""
+    """Compute the spectra of `rocking_spectra`. `owner` is the name of the calling function, for messages."""
     for podium in podiums:
         check_types(owner, podium, options)
     pulse = as_pulse(owner, pulse)
@@ -199,10 +205,10 @@ def _spectra(
 
 
 def _solve_groups(solve: Callable[[list[int]], Any], groups: list[list[int]], stop: threading.Event) -> list:
-    """Return the results of `solve` for groups of podiums, given by their indices.
+    """Return the results of `solve` for groups of podiums. A group is a list of indices of podiums.
 
-    Each group has its own thread, so one group is compiled while another runs. Ctrl-C sets `stop`; groups
-    that were not submitted before are then missing at the end of the results.
+    Each group has its own thread, so one group is compiled while another runs. Ctrl-C sets `stop`. Groups
+    that were not submitted before Ctrl-C have no result; they are the last ones.
     """
     futures = []
     try:
@@ -215,7 +221,8 @@ def _solve_groups(solve: Callable[[list[int]], Any], groups: list[list[int]], st
 
 
 def group_by_structure(podiums: Sequence[Podium]) -> dict[Any, list[int]]:
-    """Group the indices of podiums by the structure of their pytrees; each group can share one batch.
+    """Group the indices of podiums by the structure of their pytrees. The podiums of a group can share a
+    batch.
 
     Podiums with a vibrating superstructure come first, because their programs take longest to compile.
     """
@@ -244,8 +251,8 @@ def boundary_axis(table: np.ndarray) -> tuple[str, np.ndarray, dict[str, str]]:
 
 
 def _axes(owner: str, frequency_ratio, acceleration_ratio) -> dict[str, np.ndarray]:
-    """Return both axes by name as arrays; raise `ValueError` unless they are 1-D, not empty, finite and in
-    range."""
+    """Return both axes by name as arrays. Raise `ValueError` if an axis is not 1-D, is empty, or has a value
+    that is not finite or out of range."""
     arguments = {"frequency_ratio": frequency_ratio, "acceleration_ratio": acceleration_ratio}
     axes = {name: np.asarray(as_float(values, f"{owner}: {name}")) for name, values in arguments.items()}
     for name, values in axes.items():
@@ -267,7 +274,7 @@ def _check_resumed(
 ) -> list:
     """Return the spectrum to resume, or None, for each podium.
 
-    - `owner`: function that error messages name
+    - `owner`: name of the calling function, for messages
     - `resume`, `podiums`, `pulse`, `options`, `sensitivities`: as for `rocking_spectra`
     - `axes`: the axes by name
 
@@ -289,8 +296,8 @@ def _check_resumed(
 
 
 def _find_unsolved(resumed: xarray.Dataset | None, shape: tuple[int, ...]) -> np.ndarray:
-    """Return a mask of the scenes that a spectrum to resume lacks. Without such a spectrum, all scenes of a
-    grid of this shape are unsolved."""
+    """Return a mask of the unsolved scenes of a spectrum to resume. Without such a spectrum, all scenes of a
+    grid of this `shape` are unsolved."""
     return np.ones(shape, bool) if resumed is None else np.asarray(resumed["result"] == results.INTERRUPTED)
 
 
@@ -317,7 +324,7 @@ def check_resumes(
 ) -> None:
     """Raise `ValueError` unless a spectrum to resume has these attributes and axes.
 
-    - `owner`: function that error messages name
+    - `owner`: name of the calling function, for messages
     - `spectrum`: spectrum to resume
     - `attributes`, `axes`: required values of attributes and axes, by name
     """
@@ -353,7 +360,8 @@ def _dataset(podium: Podium, pulse, axes, a_p, T_p, peaks: Peak, options: Option
     """Return the spectrum of one podium.
 
     - `podium`, `pulse`, `options`: as for `rocking_spectrum`
-    - `axes`: dimensionless axes by name; `a_p`, `T_p`: the same axes with dimensions [m/s²], [s]
+    - `axes`: dimensionless axes by name
+    - `a_p`, `T_p`: the same axes with dimensions [m/s²], [s]
     - `peaks`: peak responses, shape (accelerations, frequencies)
     """
     import xarray

@@ -17,10 +17,11 @@ from rockjax._structures import Podium
 
 
 class Variants(NamedTuple):
-    """Random variants of a scene.
+    """Random variants of a scene (one podium under one ground motion).
 
-    - `podium`, `initial`: structure and initial state, some of whose parameters are replaced by drawn values
-    - `motion`: a motion, or a batch of motions of shape (k,)
+    - `podium`, `initial`: structure and initial state. In each variant, drawn values replace some of their
+      parameters
+    - `motion`: a motion, or a batch of k motions, shape (k,)
     - `motion_index`: index of the drawn motion of each scene, shape (n,); None for a single motion
     """
 
@@ -32,7 +33,7 @@ class Variants(NamedTuple):
     def scenes(
         self, draws: Mapping[str, np.ndarray], scene: Any = slice(None)
     ) -> tuple[Podium, AbstractExcitation, State]:
-        """Return the podiums, motions and initial states of all scenes, or of one.
+        """Return the podiums, motions and initial states of all scenes, or of one scene.
 
         - `draws`: drawn values of parameters by name, shape (n,); for one scene, numbers
         - `scene`: index of the scene; by default all scenes
