@@ -56,7 +56,7 @@ def derived_numbers(podium: Podium) -> dict[str, float]:
 
 
 def describe(podium: Podium, pulse, options: Options) -> dict[str, Any]:
-    """Return the attributes of the file of a spectrum.
+    """Return the attributes of a file with a spectrum.
 
     - `podium`, `options`: structure and options of the scenes
     - `pulse`: class of the pulses, or a function (a_p, T_p) ↦ excitation

@@ -51,12 +51,12 @@ class Errors(Module):
       if the answer is NaN or None, and None for answers without an estimate, such as times
     - `undecided`: True in four cases: the columns overturn in only one of the two solutions; an error of ten
       times the estimate could change whether they overturn; one of the solutions did not finish; or rocking
-      is chaotic
+      is chaotic, see below
     - `values`: the estimated errors by name
 
-    Rocking counts as chaotic if one of three differences between the solutions is too large: the difference
-    of the impacts, among which slow impacts count little; more than 0.01/p between the times of overturning;
-    or more than both 10⁵ `rtol` and 10⁻³ between the peak rotations, relative to the peak.
+    Rocking counts as chaotic in three cases: the impacts of the two solutions differ (slow impacts count
+    little); the times of overturning differ by more than 0.01/p; or the peak rotations differ by more than
+    both 10⁵ `rtol` and 10⁻³ times the peak rotation.
     """
 
     values: dict[str, Any]

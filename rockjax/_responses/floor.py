@@ -431,11 +431,11 @@ class FloorMotion(Module):
         - `dt`: sampling interval, > 0 [s]
         - `direction`: "horizontal" or "vertical"
 
-        The sample at the time t_k is ∫a ∧(t−t_k) dt + Σ_i Δv_i ∧(t_i−t_k), with the acceleration a, the
-        velocity jump Δv_i of the impact at t_i, and the hat function ∧(τ) = max(0, 1−|τ|/dt)/dt. The final
-        velocity and displacement are exact. Spectra at a period T have an error of the order (dt/T)². The
-        peak of the samples depends on dt and must not be used. The record starts one interval before the
-        scene and ends with a zero.
+        With the sampling interval δ = `dt`, the sample at the time t_k is ∫a ∧(t−t_k) dt + Σ_i Δv_i
+        ∧(t_i−t_k). Here a is the acceleration, Δv_i the velocity jump of the impact at t_i, and ∧(τ) =
+        max(0, 1−|τ|/δ)/δ the hat function. The final velocity and displacement are exact. Spectra at a period
+        T have an error of the order (δ/T)². The peak of the samples depends on δ and must not be used. The
+        record starts one interval before the scene and ends with a zero.
         """
         owner = "FloorMotion.to_record"
         dt = require_number(owner, "dt", dt, lambda v: v > 0, "finite and > 0 s")

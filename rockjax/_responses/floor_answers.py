@@ -57,10 +57,10 @@ class OscillatorAnswer(Module):
 
     - `relative_displacement`: S_d = max|x| [m]
     - `pseudo_acceleration`: PSA = ω²S_d [m/s²]
-    - `absolute_acceleration`: S_a = max|2ζωẋ + ω²x| [m/s²], including just before and just after velocity
-      jumps of the floor
-    - `remaining_ratio`: upper bound of |x| after the end of the scene, divided by S_d [–]; inf if there is no
-      bound. S_d is final if this ratio is at most 1
+    - `absolute_acceleration`: S_a = max|2ζωẋ + ω²x| [m/s²]; the values just before and just after velocity
+      jumps of the floor count as well
+    - `remaining_ratio`: upper bound of |x| after the end of the scene, divided by S_d [–]; inf if no bound is
+      known. S_d is final if this ratio is at most 1
     - `until_overturning`: True if the structure overturned; the answers then cover the time until it did
     - `result`: result of the oscillator, a [`rockjax.RESULTS`][]. If the scene of the structure did not
       finish, `result` is that of the structure, and the numbers are NaN

@@ -132,7 +132,7 @@ def floor_course(
     plan = without_fast_forwards(plan_for(podium, options, history=True))
     scene, state = prepare(podium, excitation, initial, t_end, options, plan)
     # In full contact the state of a rigid podium (with a rigid superstructure or none) is constant, so the
-    # tolerance does not limit its steps. A fraction of the duration of the ground motion does.
+    # tolerance does not limit its steps. A fraction of the duration of the ground motion limits them instead.
     start, excitation_end = excitation.support
     piece = jax.lax.stop_gradient((excitation_end - start) / MOTION_PIECES)
     longest = jnp.where(piece > 0, jnp.minimum(scene.max_excited_step, piece), scene.max_excited_step)

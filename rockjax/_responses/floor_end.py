@@ -55,8 +55,8 @@ def ending(scene: history.Solved, t) -> Ending:
         zeta = 0.5 * modes.damping / omega
         s = jnp.sqrt(jnp.maximum(1 - zeta**2, 0.0))
         z = jnp.hypot(v[1] + zeta * omega * x[1], s * omega * x[1])
-        # With z of (L5) and s = √(1 − ζ²), a mode on columns in full contact has |2ζωu̇ + ω²u| ≤
-        # ω|z|e^(−ζωτ)/s at the time τ after the end, where u is its displacement.
+        # With z of (L5) in docs/floors.md and s = √(1 − ζ²), a mode on columns in full contact has
+        # |2ζωu̇ + ω²u| ≤ ω|z|e^(−ζωτ)/s at the time τ after the end, where u is its displacement.
         forces = jnp.where(s > 0, omega * z / jnp.where(s > 0, s, 1.0), jnp.inf)
         stays = weighted(modes.demand, jnp.where(z > 0, forces, 0.0)) < c.uplift
         integrals = jnp.where(zeta > 0, forces / jnp.where(zeta > 0, zeta * omega, 1.0), jnp.inf)

@@ -332,9 +332,9 @@ def data_variables(
 
 
 def own_axis(name: str, dimensions: int, outputs: Sequence[str | AbstractOutput] = ()) -> tuple[str, ...]:
-    """Return the dim of an answer (or of its error) that does not belong to the scenes, in a tuple: modes,
-    stories, joints, or `<answer>_component` for a user-defined output without `axis`. The tuple is empty for
-    a scalar answer.
+    """Return, in a tuple, the dim that an answer (or its error) has in addition to the dims of the scenes:
+    modes, stories, joints, or `<answer>_component` for a user-defined output without `axis`. The tuple is
+    empty for a scalar answer.
 
     - `name`: name of the variable
     - `dimensions`: number of dimensions without those of scenes and parameters, 0 or 1

@@ -120,7 +120,8 @@ class Response(AbstractPeak):
         return self._values_at(t, "drift")[0]
 
     def floor_acceleration(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times stories"]:
-        """Return the absolute horizontal acceleration of each floor at times t [s], in m/s², lowest first.
+        """Return the absolute horizontal acceleration of each floor at times t [s], in m/s², the lowest
+        first.
 
         Raises `ValueError` if the superstructure is not an elastic `ShearBuilding`.
         """

@@ -42,8 +42,9 @@ def peak_response(
 ) -> Peak:
     """Compute the peak response of one scene, without history.
 
-    Works under `jit` and `vmap`, and under `grad`, `jacfwd` and `jvp` with respect to all arrays in `podium`,
-    `excitation`, `initial` and `t_end`. For many scenes outside `jit` see [`rockjax.peak_responses`][].
+    The function works under `jit` and `vmap`, and under `grad`, `jacfwd` and `jvp` with respect to all arrays
+    in `podium`, `excitation`, `initial` and `t_end`. For many scenes outside `jit`, use
+    [`rockjax.peak_responses`][].
 
     - `podium`: a single podium; only modes, stories and columns may have an axis
     - `excitation`: a pulse, a wavelet, a record, a `Motion`, or any other [`rockjax.AbstractExcitation`][]

@@ -36,8 +36,8 @@ _RATIOS = tuple(name for name, parameter in MOTION.items() if parameter.instead_
 def labelled_motion(
     owner: str, excitation: AnyMotions, name: str = "excitation"
 ) -> tuple[AbstractExcitation, np.ndarray | None]:
-    """Return a motion and labels: one motion and None, or a batch of k motions, shape (k,), and k labels. The
-    labels are the names of the motions, or numbers from 1 if the motions have no names.
+    """Return (motion, labels). One motion has the labels None. Several motions become a batch of shape (k,)
+    with k labels: the names of the motions, or numbers from 1 if the motions have no names.
 
     - `owner`: name of the calling function, for messages
     - `excitation`: one motion, or several (`Motions`, `Records` or a list)
@@ -57,8 +57,8 @@ def labelled_motion(
 def pick_motions(motions: AbstractExcitation, which: np.ndarray) -> AbstractExcitation:
     """Return the motions with the indices `which`, an array of any shape, from a batch of shape (k,).
 
-    The indices may be floats with integer values, because the scan of a plane passes both coordinates as
-    floats.
+    The indices may be floats with integer values, because a scan over scenes (`_boundaries/crossings.py`)
+    passes all coordinates of the scenes as floats.
     """
     which = which.astype(np.int32)
     if isinstance(motions, Records | RecordPairs):

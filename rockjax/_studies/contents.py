@@ -79,8 +79,8 @@ def contents_fragility(
       dispersion, from the jackknife over records, which repeats the fit without each record in turn
     - `probability`, `lower`, `upper` (dims `contents`, `damage_state`, `at`): the curves, and the ends of
       their confidence bands
-    - `counted` (dims `contents`, `intensity`): number of records that count at a level. Records do not count
-      where the scene did not finish or is left out
+    - `counted` (dims `contents`, `intensity`): number of records that count at a level. A record does not
+      count where its scene did not finish or is left out
     - `observed` (dims `contents`, `damage_state`, `intensity`): share of the counted records that reach the
       damage state
     - answers of the podium, such as `overturned` (dims `record`, `intensity`), and of the blocks, such as

@@ -68,10 +68,11 @@ def fragility(
       `method` is `"capacities"`
 
     Intervals of `"capacities"` use the profile likelihood of lognormal capacities. Without censored records
-    they are exact for median and dispersion. With censored records, the probability that they contain the
-    true value differs from `confidence`, in tests by up to 0.07 (docs/fragility.md). Intervals of `"stripes"`
-    come from the jackknife, which repeats the fit without each record in turn. A `RuntimeWarning` is issued
-    for intervals from fewer than five records; with `"capacities"`, only records that overturn count.
+    they are exact for median and dispersion. With censored records, the probability that an interval contains
+    the true value differs from `confidence`, in tests by up to 0.07 (docs/fragility.md). Intervals of
+    `"stripes"` come from the jackknife, which repeats the fit without each record in turn. A `RuntimeWarning`
+    is issued for intervals from fewer than five records; with `"capacities"`, only records that overturn
+    count.
 
     Raises `ValueError` for invalid arguments, and if the data do not determine a curve or its intervals.
     """
@@ -144,7 +145,7 @@ class _Outcomes(NamedTuple):
 
     @property
     def events(self) -> np.ndarray:
-        """Number of records that overturn at each level, shape (m,)."""
+        """Number of records that overturn or fail at each level, shape (m,)."""
         return np.nansum(self.overturned, axis=0)
 
     @property

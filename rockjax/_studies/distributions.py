@@ -14,7 +14,7 @@ from rockjax._problem import models
 
 def distribution_of(entry: Any) -> Any:
     """Return the `scipy.stats` distribution of an entry of the table `[ensemble.spread]` of a problem file.
-    An entry that is a number stays a number."""
+    A number is returned unchanged."""
     from scipy import stats
 
     if isinstance(entry, models.Uniform):

@@ -1,4 +1,4 @@
-"""Empirical distributions of samples that may have unknown values, with exact confidence bounds.
+"""Empirical distributions of samples that may have unknown values, with bounds for every sample size.
 
 The equations (E1) to (E3) are in docs/ensembles.md.
 """

@@ -40,7 +40,7 @@ from .spectra import boundary_axis
 if TYPE_CHECKING:
     import xarray
 
-# The default options of `peak_responses` as well, so that the analyses reuse its compiled programs.
+# These are also the default options of `peak_responses`, so the analyses reuse its compiled programs.
 DEFAULT_OPTIONS = Options()
 
 
