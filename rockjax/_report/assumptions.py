@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 class Outcome(NamedTuple):
     """Result of testing an assumption on a set of scenes.
 
-    - `violated`: whether each scene violates the assumption, (scenes,)
-    - `worst`: number for `text`, such as the tested value in the worst scene
-    - `text`: description of the result, in which `{}` stands for the number `worst`
+    - `violated`: for each scene, whether it violates the assumption, (scenes,)
+    - `worst`: number that is inserted in `text`, such as the tested value in the worst scene
+    - `text`: description of the result, with `{}` at the place of the number
     """
 
     violated: np.ndarray
@@ -33,7 +33,8 @@ class Assumption(NamedTuple):
     """An assumption of the model.
 
     - `id`: number, such as "A1"; `text`: the assumption as a sentence
-    - `conservative`: whether results are on the safe side if the assumption does not hold, "no" or "depends"
+    - `conservative`: "no" or "depends"; states whether results are on the safe side if the assumption does
+      not hold
     - `test`: function (problem, dataset of the peaks of the scenes) ↦ outcome, or a sentence that states why
       there is no outcome
     - `invalidates`: whether a violation turns the result PASS of a check into NOT VALID
@@ -47,7 +48,7 @@ class Assumption(NamedTuple):
 
 
 def opens_joint(data: xarray.Dataset) -> np.ndarray:
-    """Return whether a joint opens in each scene, (scenes,).
+    """Return, for each scene, whether a joint opens, (scenes,).
 
     A joint opens if its axial force is tensile, or if the vertical impulse on a column at an impact is
     negative. A force or impulse that `data` does not contain is not tested.
@@ -72,7 +73,7 @@ def _of_columns(problem: Problem, outcome: Outcome) -> Outcome | str:
     return f"Not tested for each column: the structure has no positions of columns. Mean column: {found}."
 
 
-# Tests of the assumptions; `ASSUMPTIONS` below lists them.
+# The tests of the assumptions, with the arguments and results of `Assumption.test`.
 def _no_sliding(problem: Problem, data: xarray.Dataset) -> Outcome | str:
     mu = problem.joints.friction
     if mu is None:

@@ -60,7 +60,7 @@ class Equation:
 
     - `formula`: the equation in symbols
     - `numbers`: right-hand side with numbers inserted, or a remark; "" for none
-    - `result`: value of the right-hand side; None for none
+    - `result`: value of the right-hand side; None if there is none
     - `label`: number of the equation in the documentation, such as "F8"; "" for none
     """
 
@@ -159,8 +159,8 @@ class SummaryRow:
     - `assumptions`: ids of the violated assumptions, such as "A7". Each id is also the anchor of a row in
       section 10
     - `flags`: other short links beside the result
-    - `clause`: clause that asks for the check
-    - `is_target`: whether it is a design target
+    - `clause`: clause of a standard or brief that asks for the check
+    - `is_target`: whether the check is a design target
 
     Raises `ValueError` for an unknown result, for a missing id or text, and if `utilisation` is a number of a
     kind other than "utilisation".
@@ -302,7 +302,7 @@ class Page:
     - `footer`: text at the foot of printed pages
 
     Raises `ValueError` for an empty text, for a link to a missing anchor, for two tables of the same name,
-    and if sections, rows and parts of figures do not have different anchors or ids.
+    and for two sections, rows or parts of figures with the same anchor or id.
     """
 
     title: str

@@ -1,4 +1,4 @@
-"""Cells of tables with a number, or with a text in place of a missing number; parts of the names of tables.
+"""Cells of tables with numbers, or with texts that replace missing numbers. `slug` makes names of tables.
 
 A scene is the structure under one motion.
 """
@@ -58,8 +58,9 @@ def peak_cell(data: xarray.Dataset, k: int, value: Any, kind: str, error: Any = 
 def slug(name: str) -> str:
     """Convert a name to lower-case letters, digits and "-", for the names of tables and pictures.
 
-    If the name is longer than `MAX_SLUG` or has other characters, the result ends with a part of its hash.
-    Different names therefore give different results, unless they differ only in upper and lower case.
+    If the name is longer than `MAX_SLUG` or has characters other than letters, digits and "-", the result
+    ends with a part of the hash of the name. Different names therefore give different results, unless they
+    differ only in upper and lower case.
     """
     plain = re.sub(r"[^a-z0-9-]", "-", name.lower())[:MAX_SLUG]
     return plain if plain == name.lower() else f"{plain}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"

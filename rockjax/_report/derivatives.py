@@ -42,7 +42,7 @@ def log_slopes(scenes: Scenes, entry: Entry, functions: Mapping[int, SlopesFunct
     dimensions `motion` and `parameter`. The parameters y are the inputs of the structure and, if the check
     uses a set of motions, the factor on the motion.
 
-    - `scenes`: the scenes of the problem; `entry`: the check
+    - `scenes`: the scenes of the problem; `entry`: the entry of the check
     - `functions`: index of a motion or pulse → function that returns the value of the check under this
       motion, and the derivatives of the value
     """
@@ -158,8 +158,7 @@ def leaf_directions(
     differentiated with respect to scalar leaves only, so the derivatives of other leaves are not used.
 
     - `problem`, `excitation`: the problem, and the motion of the scene
-    - `with_elevation`: whether the elevation of the podium, such as the positions of the columns, is among
-      the leaves
+    - `with_elevation`: whether the leaves of `Podium.elevation` are among the leaves
     """
     count, split = len(problem.variables), problem.split_derivatives
     of_podium = jax.tree.leaves(split if with_elevation else split.without_elevation())

@@ -1,5 +1,4 @@
-"""Entries: tables `[[checks]]` and `[[targets]]` of a problem file. The keys that all kinds of checks
-share."""
+"""Entries, which are tables `[[checks]]` and `[[targets]]` of a problem file, and the keys of all entries."""
 
 from __future__ import annotations
 
@@ -37,7 +36,7 @@ class Entry:
     """An entry of `[[checks]]` or `[[targets]]`.
 
     - `id`: identifier in the report, such as "C1"; `kind`: name of the kind, such as "peak-rotation"
-    - `keys`: keys of the entry after validation
+    - `keys`: pydantic model of the table after validation
     - `arguments`: name → value of the keys that only this kind has, or an object made from the value, such as
       a class of pulses
     - `motions`: name of the set of motions; None for a check without one

@@ -32,7 +32,7 @@ SKIPPABLE = ("risk", "methods", "spread")  # valid names in the argument `skip`
 def evaluate(
     problem: Problem | str | Path, *, skip: tuple[str, ...] = (), store: Any = None, progress: Any = None
 ) -> Evaluation:
-    """Evaluate all checks of a problem, outside jit.
+    """Evaluate all checks of a problem. The function cannot be called inside `jax.jit`.
 
     - `problem`: a [`rockjax.Problem`][], or the path of a problem file
     - `skip`: parts that are left out: `"risk"` (annual frequency, median capacity, failure probability),
@@ -88,7 +88,7 @@ def evaluate_with_store(
 
 
 def made_entries(problem: Problem, skip: tuple[str, ...]) -> list[Entry]:
-    """Return the entries whose checks are made."""
+    """Return the entries whose checks can be made and are not left out by `skip`."""
     return [entry for entry in problem.checks if not _reason_not_made(entry, problem, skip)]
 
 
@@ -160,8 +160,8 @@ def _compute(entry: Entry, kind: Kind, scenes: Scenes) -> Check:
         values,
     )
     slopes = _sensitivities(check, scenes)
-    # If |d ln U/d ln y| · spread of a mean exceeds 1 for an input y, all derivatives of the mean are left
-    # out: a motion under which the columns barely rock may dominate them.
+    # The derivatives of a mean are left out if |d ln U/d ln y| · spread > 1 for an input y, because a motion
+    # under which the columns barely rock may dominate them.
     is_mean, spread = check.statistic == "mean", scenes.problem.report.spread
     is_smooth = not is_mean or all(abs(y) * spread <= 1 for y in slopes.values())
     return dataclasses.replace(

@@ -31,8 +31,8 @@ class Check:
       `value` is infinite, `text` states the event that it stands for
     - `text`: text that is shown if the value is not finite, such as "overturned at 5.85 s"; otherwise ""
     - `state`: meaning of `text` for programs, one of `tables.STATES`; "" without a text
-    - `utilisation`: U = value/limit, or limit/value for a minimum [–]; inf if overturning makes the value
-      infinite, NaN if there is no value
+    - `utilisation`: U = value/limit, or limit/value for a minimum [–]; inf if overturning or an open joint
+      makes the value infinite, NaN if there is no value
     - `governing`: index of the motion or pulse with the governing value; None if the check was not made or
       has a single value
     - `location`: storey, joint, mode, block or time of the governing value; "" for none

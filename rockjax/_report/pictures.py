@@ -49,15 +49,15 @@ _MARKED_FLOORS = 12  # up to this number of floors, each floor is marked with it
 
 
 def to_svg(figure: Figure, prefix: str, title: str, description: str) -> str:
-    """Return a figure as SVG for a page, and close it.
+    """Return a figure as SVG for a page, and close the figure.
 
     - `figure`: a matplotlib figure
-    - `prefix`: start of all ids in the SVG, unique on the page: lower-case letters, digits and "-", of which
-      the first is a letter
+    - `prefix`: start of all ids in the SVG, unique on the page. It has lower-case letters, digits and "-",
+      and starts with a letter
     - `title`: short title; `description`: text for readers who cannot see the figure
 
-    Texts are not converted to outlines. Black becomes the text colour of the page, greys become this colour
-    with an opacity, and the colours of `VARIABLES` become variables of page.css. Equal figures give equal
+    Texts are not converted to outlines. Black becomes the text colour of the page, a grey becomes this colour
+    with an opacity, and a colour in `VARIABLES` becomes a variable of page.css. Equal figures give equal
     strings. Raises `ValueError` for an invalid prefix.
     """
     import matplotlib.pyplot as plt
@@ -131,8 +131,8 @@ def elevation_drawing(
     - `units`: units of the numbers in the drawing
     - `column_mass`: mass of one column [kg]; None omits all masses
     - `columns`: number of columns N, used if `podium.elevation` is None
-    - `rotation`: rotation of the column beside the structure [rad]. Its absolute value is drawn, or α if this
-      is smaller; None for an upright column
+    - `rotation`: rotation of the column beside the structure [rad]. The smaller of its absolute value and α
+      is drawn; None for an upright column
     - `label`: source of the rotation, such as "motion 9"; "" for none
     """
     import matplotlib.pyplot as plt
@@ -208,10 +208,10 @@ def _draw_structure(ax: Axes, podium: Podium, units: Units, column_mass: float |
 def _column_positions(
     podium: Podium, width: float, height: float, columns: int
 ) -> tuple[np.ndarray, int, bool]:
-    """Return the positions x of the columns without repetitions [m], the number of columns, and whether the
-    positions are known.
+    """Return the different positions x of the columns [m], the number of columns, and whether the positions
+    are known.
 
-    Unknown positions are chosen for the drawing.
+    Columns in one line across the plane have the same position. Unknown positions are chosen for the drawing.
 
     - `podium`: the structure; `width`, `height`: size of a column [m]
     - `columns`: number of columns, used if `podium.elevation` is None

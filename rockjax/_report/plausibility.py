@@ -11,9 +11,9 @@ import numpy as np
 if TYPE_CHECKING:
     from .evaluation import Evaluation
 
-DENSITIES = 300.0, 8000.0  # usual densities of columns [kg/m³]
-STRESSES = 0.01e6, 50e6  # usual mean compressive stress of columns [Pa]
-PERIODS = 0.05, 10.0  # usual first period of a building [s]
+DENSITIES = 300.0, 8000.0  # usual range of the density of columns [kg/m³]
+STRESSES = 0.01e6, 50e6  # usual range of the mean compressive stress of columns [Pa]
+PERIODS = 0.05, 10.0  # usual range of the first period of a building [s]
 LARGEST_DRIFT = 0.1  # largest usual limit of (drift / storey height) [–]
 LEAST_U = 0.01  # least usual utilisation [–]
 FEW_MOTIONS = 7  # usual minimum number of motions for a mean

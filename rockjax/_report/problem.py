@@ -122,7 +122,7 @@ class Problem:
     - `checks`: the entries of `[[checks]]` and `[[targets]]`
     - `options`: options of the solver
     - `sources`: key of the file, such as `structure.width` → text that states the source of its value
-    - `project`, `joints`, `report`, `fragility`, `risk`, `structure`: tables of the file
+    - `project`, `joints`, `report`, `fragility`, `risk`, `structure`: the tables of the file with these names
     - `text`: the text of the file
     """
 

@@ -129,7 +129,7 @@ def read_checks(
     """Yield the entries of `[[checks]]` and `[[targets]]`.
 
     - `reader`: reader of the file
-    - `table`, `file`: contents of the file, before and after validation
+    - `table`: contents of the file; `file`: the contents after validation
     - `podium`: the structure
     - `parts`: names of the lists of tables to read, in this order
 
@@ -188,8 +188,8 @@ def _entry(
 
 
 def _resolve(table: Mapping[str, Any], name: str, value: Any) -> Any:
-    """Return a value of an entry. If it is a limit that names a key, such as "joints.friction", return the
-    number at this key instead.
+    """Return a value of an entry. If the value is a limit that names a key of the file, such as
+    "joints.friction", return the number at this key instead.
 
     - `table`: contents of the problem file
     - `name`, `value`: key and value in the table of the check

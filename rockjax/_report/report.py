@@ -103,13 +103,13 @@ def report(
     progress: Any = None,
     command: str = "",
 ) -> Report:
-    """Return the design report of a problem, outside jit.
+    """Return the design report of a problem. The function cannot be called inside `jax.jit`.
 
     - `problem`: path of a problem file, a [`rockjax.Problem`][], or an [`rockjax.Evaluation`][]
     - `output`: path of the page, NAME.html; None writes nothing. NAME.json (all numbers in SI) and NAME.nc
       (all scenes) are written beside the page. Scenes that NAME.nc already has are not solved again. If
       `problem` is an `Evaluation`, its scenes are not written to NAME.nc, but to the `store` of the call of
-      [`rockjax.evaluate`][], if it had one
+      [`rockjax.evaluate`][], if that call had a `store`
     - `units`: units of the page, such as "kN,m,deg,g,mm", by default those of the file, or "kN,m,deg,g,mm" if
       the file states none. Each kind of quantity has at most one unit. Lengths may have two: the larger
       applies to dimensions and the smaller to displacements

@@ -63,8 +63,8 @@ def least_factors(scenes: Scenes, name: str, event: str) -> xarray.Dataset:
 
 
 def start_search(scenes: Scenes, name: str, event: str) -> bool:
-    """Start the search of `least_factors` in another thread, unless its result is stored. Return False if it
-    is stored, otherwise True."""
+    """Start the search of `least_factors` in another thread, unless its result is stored. Return False if the
+    result is stored, otherwise True."""
     return scenes.store.start(*_stored_search(scenes, name, event))
 
 
@@ -77,8 +77,8 @@ def _stored_search(scenes: Scenes, name: str, event: str) -> Stored:
 
 
 def just_below(factors: np.ndarray, end: float | np.ndarray = MAX_SCALE) -> np.ndarray:
-    """Return factors just below the boundaries `factors`. If a boundary is not finite, the search found none;
-    return the end of the search, `end`, for it."""
+    """Return factors just below the boundaries `factors`. A factor that is not finite means that the search
+    found no boundary. In its place, return `end`, the end of the search."""
     return np.where(np.isfinite(factors), JUST_BELOW * factors, end)
 
 

@@ -32,7 +32,8 @@ class Needs(NamedTuple):
     """Outputs and objects that the checks of a set of motions need.
 
     - `outputs`: names of the outputs, as the keys of a dict
-    - `on_floors`: (dim, name) → block or oscillator on a floor; `dim` is its dimension in datasets
+    - `on_floors`: (dim, name) → block or oscillator on a floor; `dim` is the dimension of such objects in
+      datasets
     """
 
     outputs: dict[str, None] = {}  # an ordered set of names
@@ -144,7 +145,7 @@ class Scenes:
         return self.store.get(*self._stored_peaks(name, law if law in self.laws else None, factor))
 
     def _stored_peaks(self, name: str, law: str | None = None, factor: float = 1.0) -> Stored:
-        """Return the arguments of `Store.get` for peaks without variation."""
+        """Return the arguments of `Store.get` for the peaks of a set without changed inputs."""
         motions, options, on_floors = self.motion_set(name), self.options(name), self.on_floors(name)
         podium = _with_given_restitution(self.podium(law))
         inputs_hash = fingerprint(podium, motions.identities, options, on_floors, factor)
@@ -238,7 +239,7 @@ class Scenes:
         return data.assign_coords({dim: labels for dim, labels in names.items() if labels})
 
     def peaks_with_factors(self, label: str, name: str, factors: np.ndarray) -> xarray.Dataset:
-        """Return the peaks of the motions of a set, each multiplied by its factor.
+        """Return the peaks under the motions of a set, each of which is multiplied by its own factor.
 
         - `label`: name in the store; `name`: the set; `factors`: a factor for each motion
         """
@@ -263,8 +264,7 @@ class Scenes:
     # ---------------------------------------------------------------------------------------------- histories
     def history(self, name: str, motion: int) -> xarray.Dataset:
         """Return the response history under one motion of a set, in the form of
-        [`rockjax.Response.dataset`][]. The history contains joint forces if the podium has an elevation, such
-        as positions of columns.
+        [`rockjax.Response.dataset`][]. The history contains joint forces unless `Podium.elevation` is None.
 
         - `name`: the set; `motion`: index of the motion in the set
         """
@@ -293,8 +293,8 @@ class Scenes:
 
 
 def _suffix(factor: float) -> str:
-    """Return the end of the name of a dataset in the store whose motions are multiplied by a factor; "" for
-    the factor 1."""
+    """Return the ending that states the factor on the motions in the name of a dataset; "" for the factor
+    1."""
     # The factor is written without a dot, because dots separate the parts of a name (see `Store.get`).
     return "" if factor == 1 else f".times {factor!r}".replace(".", " ")
 

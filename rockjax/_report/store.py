@@ -134,7 +134,7 @@ class Store:
         return stored is not None and stored.attrs["fingerprint"] == inputs_hash
 
     def text(self, name: str, inputs_hash: str, compute: Callable[[], str]) -> str:
-        """Do the same as `get` for a text."""
+        """Do the same as `get` for a text: `compute` returns a string, and so does this method."""
         return str(self.get(name, inputs_hash, lambda: _dataset_of_text(compute()))["text"].values)
 
     def start_text(self, name: str, inputs_hash: str, compute: Callable[[], str]) -> bool:

@@ -102,8 +102,8 @@ class TextCell:
 
 @dataclasses.dataclass(frozen=True)
 class Series:
-    """Numbers of one kind in a cell, such as the masses of all stories. Eight numbers may be shown as "7 ×
-    260, 220".
+    """Numbers of one kind in a cell, such as the masses of all stories. Adjacent equal numbers are shown
+    once, as in "7 × 260, 220".
 
     - `values`: finite numbers [SI], at least one
     - `kind`: what the numbers measure, one of `units.KINDS`
@@ -267,8 +267,7 @@ class Table:
         rows: Iterable[Sequence[Any]],
         **options: Any,
     ) -> Table:
-        """Return a table. The arguments give each column a heading and a kind, and the rows may contain plain
-        numbers.
+        """Return a table from rows that may contain plain numbers.
 
         - `name`, `caption`: fields of the table; `options`: its other fields, such as `ids`
         - `columns`: heading → kind of the numbers, or None; see `Column`
@@ -374,8 +373,8 @@ def plain_cell(cell: Cell, units: Units, *, shows_unit: bool = True) -> str:
 
 
 def _significant(value: float, digits: int, error: float | None = None) -> str:
-    """Return a number with at most `digits` significant digits, and no digits after the first one of
-    `error`."""
+    """Return a number with at most `digits` significant digits, and no digits after the place of the first
+    significant digit of `error`."""
     exponent = _exponent(value, digits)
     decimals = digits - 1 - exponent if value else 0
     if error:
@@ -408,7 +407,7 @@ def _scientific(value: float, decimal: str, decimals: int | None = None) -> str:
 
 
 def _utilisation(value: float) -> str:
-    """Return a utilisation with two decimals, or with more if another number than 1 would be rounded to 1.
+    """Return a utilisation with two decimals, or with more if a number other than 1 would be rounded to 1.
     From 1000 on, return four significant digits."""
     if abs(value) >= 1e3:
         return _significant(value, 4)
@@ -467,7 +466,7 @@ def checked_text(text: Any, owner: str, *, may_be_empty: bool = False) -> Text:
 
 
 def _cell(cell: Any) -> Cell:
-    """Return a cell; a text becomes a `TextCell`. Raises `ValueError` for anything else."""
+    """Return a cell; a text becomes a `TextCell`. Raises `ValueError` for a value of another type."""
     if isinstance(cell, str | tuple):
         return TextCell(cell)
     if not isinstance(cell, Quantity | Series | TextCell | Formula):

@@ -202,7 +202,7 @@ def to_si(
 
 
 def unit_of_kind(unit: str, kind: str, *, owner: str = "unit", subject: str = "") -> str:
-    """Return the name in `KINDS` of a unit of the kind `kind` that the user has written.
+    """Return the name in `KINDS` of the unit `unit`, as a user has written it, after checking its kind.
 
     - `unit`, `kind`, `owner`, `subject`: as for `to_si`
 

@@ -38,7 +38,7 @@ def decode(path: str | Path, content: bytes, *, utf8_only: bool = False) -> str:
 
     - `path`: path of the file, for error messages
     - `content`: bytes in UTF-8, or in UTF-16 or UTF-32 with a byte order mark. Other bytes are read as
-      Windows-1252, in which some records have the names of stations
+      Windows-1252, because some files have names of stations in this encoding
     - `utf8_only`: whether to reject content in Windows-1252
 
     Raises `ValueError`, with the file, the line and the cause, if the content is not text.

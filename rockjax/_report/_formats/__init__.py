@@ -10,8 +10,8 @@ from rockjax._report.units import Units
 
 from . import csv, html, json, xlsx
 
-# Name of a format → function (page, units of the page) ↦ {name of a file: content}. These functions only
-# convert numbers of the page and compute no new ones.
+# Name of a format → function (page, units of the page) ↦ {name of a file: content}. These functions convert
+# units and compute nothing else.
 FORMATS: dict[str, Callable[[Page, Units], dict[str, bytes]]] = {
     "html": html.encode,
     "json": json.encode,

@@ -43,8 +43,8 @@ class Values(NamedTuple):
     - `texts`: (n,) texts that replace numbers, such as "overturned at 5.85 s"; "" for numbers
     - `locations`: (n,) storey, joint or time of each value; "" for none
     - `unanswered`: for each scene, the reason why it has no decided answer, such as "undecided"; "" if it has
-      one. For an estimated probability, the tuple has at most one reason. It is empty for values that always
-      have an answer
+      one. For an estimated probability, the tuple has at most one reason. The tuple is empty for values that
+      always have an answer
     - `names`: (n,) names of the cases; empty for a single value for all cases
     - `remark`: text that the summary adds to the value, or ""
     - `error_factor`: a check passes only if value ± `error_factor` · error satisfies the limit

@@ -239,7 +239,8 @@ class FailureKind(Kind):
             if "envelope" in given:
                 given["envelope"] = Envelope(**given["envelope"].as_arguments())
             arguments["motion"] = GaussianMotion(**given)
-        # Failure is overturning. With an overturn_ratio < 1 it is a rotation |θ|/α above this ratio.
+        # Failure is overturning or, if the option `overturn_ratio` is below 1, a rotation |θ|/α above this
+        # ratio.
         ratio = file.options.overturn_ratio
         return arguments | ({"limit": ("rotation", ratio)} if ratio is not None and ratio < 1 else {})
 

@@ -72,8 +72,8 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 
 
 def _stories(evaluation: Evaluation, name: str) -> Table:
-    """Return the table of the largest and the mean peaks in each storey. They are taken over the scenes of a
-    set in which the columns survive. A scene is the structure under one motion."""
+    """Return the table of the largest and the mean peaks in each storey. The peaks are those of the scenes in
+    which the columns survive. A scene is the structure under one motion."""
     data, heights = evaluation.scenes.peaks(name), evaluation.problem.story_heights
     survives = ~data["overturned"].values & ~results.did_not_finish(data["result"].values)
     drift, acceleration = (data[y].values[survives] for y in ("peak_drift", "peak_floor_acceleration"))

@@ -1,4 +1,4 @@
-"""Section 1: the summary of checks. U is the utilisation of a check."""
+"""Section 1: the summary of checks. U is the utilisation of a check, value/limit or limit/value."""
 
 from __future__ import annotations
 
