@@ -1,4 +1,4 @@
-"""The command line. Commands import slow packages when they run, so that help appears at once."""
+"""The command line. Commands import slow packages only when they run, so that help appears at once."""
 
 from ._app import app, main
 from ._cache import cache

@@ -14,7 +14,7 @@ from ._terminal import terminal
 
 
 class _Commands(typer.core.TyperGroup):
-    """Group of all commands. It stores the command line for the attributes of output files."""
+    """Group of all commands. It stores the command line, which output files contain as an attribute."""
 
     def parse_args(self, ctx, args):
         COMMAND.set(shlex.join(["rockjax", *args]))
@@ -45,12 +45,12 @@ def about(
 ) -> None:
     """Rocking podium structures: responses, spectra, overturning, fragility, design.
 
-    A structure and its ground motion are given by options, by a problem file (TOML), or by both; options
-    override the file. Units are SI and radians. `rockjax COMMAND --help` has examples.
+    Options, a problem file (TOML), or both define the structure and its ground motion; options override the
+    file. Units are SI and radians. `rockjax COMMAND --help` has examples.
 
-    Exit status: 0 = success. 1 = failure: for example, a scene did not finish, no design satisfies the
-    targets, a check by `rockjax report` did not pass, no fragility curve could be fitted, or a file could not
-    be written. 2 = wrong input. 130 = interrupted.
+    Exit status: 0 = success. 1 = failure: for example, a scene (one structure under one ground motion) did
+    not finish, no design satisfies the targets, a check by `rockjax report` did not pass, no fragility curve
+    could be fitted, or a file could not be written. 2 = wrong input. 130 = interrupted.
     """
     del version
 
@@ -59,7 +59,7 @@ app.callback(help=unwrap_docstring(about))(about)
 
 
 def main() -> None:
-    """Run the command line; errors become messages and an exit status."""
+    """Run the command line. An error is printed as a message, and sets the exit status."""
     with terminal():
         try:
             app()

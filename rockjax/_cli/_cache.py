@@ -19,8 +19,8 @@ def cache(
     """Show or clear the cache of compiled programs: folder, number of programs and size.
 
     Later processes load these programs instead of compiling them. The environment variable ROCKJAX_CACHE_DIR
-    sets the folder, and ROCKJAX_CACHE_SIZE the largest size of the cache in MiB; ROCKJAX_CACHE=off switches
-    the cache off.
+    sets the folder, and ROCKJAX_CACHE_SIZE sets the largest size of the cache in MiB. ROCKJAX_CACHE=off
+    switches the cache off.
 
     \b
     Examples:

@@ -1,4 +1,7 @@
-"""Partial results of an interrupted run: one netCDF file with a group for each podium that has results."""
+"""Partial results of an interrupted run.
+
+A netCDF file has a group for each podium of the run that has results, complete or not.
+"""
 
 from __future__ import annotations
 
@@ -15,12 +18,13 @@ if TYPE_CHECKING:
 
 
 def path_of(output: str | Path) -> Path:
-    """Return the path of the partial results of a run; `output`: prefix of its files."""
+    """Return the path of the file with partial results; `output` is the prefix of the files of the run."""
     return Path(f"{output}.partial.nc")
 
 
 def save(path: Path, datasets: Sequence[xarray.Dataset | None]) -> Path:
-    """Save datasets atomically and return the path; None stands for a podium without results."""
+    """Save the datasets of the podiums atomically, and return the path. None stands for a podium without
+    results."""
     import xarray
 
     root = xarray.Dataset(attrs={"title": "Interrupted run", "datasets": len(datasets)})
@@ -29,8 +33,8 @@ def save(path: Path, datasets: Sequence[xarray.Dataset | None]) -> Path:
 
 
 def load(path: Path, count: int) -> list[xarray.Dataset | None]:
-    """Load the datasets of an interrupted run. A dataset may be incomplete; None stands for a podium without
-    results.
+    """Load the datasets of the podiums of an interrupted run. A dataset may be incomplete. None stands for a
+    podium without results.
 
     Raises `ValueError` if the file does not exist, cannot be read or was not saved for `count` podiums.
     """
@@ -57,7 +61,7 @@ def load(path: Path, count: int) -> list[xarray.Dataset | None]:
 
 
 def _restore_attrs(data: xarray.Dataset) -> xarray.Dataset:
-    """Return the dataset, with attributes converted from the NumPy scalars of netCDF to Python numbers."""
+    """Return the dataset with attributes that are Python numbers instead of the NumPy scalars of netCDF."""
     data.attrs = {
         name: value.item() if isinstance(value, np.generic) else value for name, value in data.attrs.items()
     }

@@ -1,4 +1,4 @@
-"""Data of the running command, for the attributes of the files that it writes."""
+"""Data of the running command that its output files contain as attributes."""
 
 from __future__ import annotations
 
@@ -6,5 +6,6 @@ from contextvars import ContextVar
 from typing import Any
 
 COMMAND: ContextVar[str] = ContextVar("command")  # the command line
-# Number of columns and masses [kg], as attributes of files, if the structure is given by dimensions.
+# Name of an attribute ↦ value: number of columns and masses [kg]. Empty unless the structure is given by
+# dimensions.
 MASSES: ContextVar[dict[str, Any]] = ContextVar("masses")

@@ -17,10 +17,11 @@ from ._run import INTERRUPTED, Console, command
 def design(request: Request, console: Console, output: Output = "rockjax-design") -> None:
     """Design a podium: minimise an objective over bounded variables, subject to targets.
 
-    Prints the variables, and the targets with their margins and shadow prices. Writes OUTPUT.json,
-    OUTPUT-convergence.png and OUTPUT-response.png (the response before and after the design). Options of the
-    structure override the problem file. The exit status is 1 if no design satisfies the targets. Ctrl-C keeps
-    the best design so far.
+    Prints the variables, and the targets with their margins and shadow prices. A shadow price is the decrease
+    of the objective per relative relaxation of a limit. Writes OUTPUT.json, OUTPUT-convergence.png and
+    OUTPUT-response.png (the responses before and after the design). Options of the structure override the
+    problem file. The exit status is 1 if no design satisfies the targets. Ctrl-C keeps the best design so
+    far.
 
     \b
     Examples:

@@ -20,9 +20,10 @@ from ._run import Console, command
 def ensemble(request: Request, console: Console, output: Output = "rockjax-ensemble") -> None:
     """Estimate distributions of the peaks of random structures under random motions, with confidence bounds.
 
-    The table [ensemble.spread] of the problem file has the distributions of parameters. Each scene draws
-    one motion from the set of motions. Prints quantiles; writes OUTPUT.nc with all scenes, and a picture
-    of the empirical distribution of each peak, such as OUTPUT-peak-rotation.png. Ctrl-C saves nothing.
+    The table [ensemble.spread] of the problem file contains the distributions of parameters. A scene is one
+    structure under one motion; each scene draws its motion from the set of motions. Prints quantiles. Writes
+    OUTPUT.nc with all scenes, and a picture of the empirical distribution of each peak, such as
+    OUTPUT-peak-rotation.png. Ctrl-C saves nothing.
 
     \b
     Examples:

@@ -22,7 +22,8 @@ from ._run import Console, command
 def floors(request: Request, console: Console, output: Output = "rockjax-floors") -> None:
     """Compute floor response spectra of deck and stories, of the ground, and of the building on a fixed base.
 
-    Writes OUTPUT.nc and OUTPUT.png, which shows medians for a set of several motions.
+    The deck is the beam on the columns. Writes OUTPUT.nc and OUTPUT.png. If the set has several motions, the
+    picture shows medians.
 
     \b
     Examples:

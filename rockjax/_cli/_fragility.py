@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     import rockjax as rj
     from rockjax._motions.motion import Motions
 
-FILE_KEYS = ("units", "dt", "component", "pattern", "paired")  # options that apply to files of records
+FILE_KEYS = ("units", "dt", "component", "pattern", "paired")  # keys of options for files of records
 
 
 @command(
@@ -55,12 +55,12 @@ def fragility(
 ) -> None:
     """Compute a fragility curve: the probability of overturning against the intensity of records.
 
-    Scales every record to all intensity levels and finds the least overturning intensity of each record
-    (incremental dynamic analysis). Fits a lognormal curve with confidence intervals. Prints median,
-    dispersion and sensitivities of the median; writes OUTPUT.nc (the curve, with the analysis as a group),
-    OUTPUT-fragility.png and OUTPUT-ida.png. If the problem file has contents (blocks on floors), their
-    fragility curves are printed as a table, stored in a group of OUTPUT.nc and drawn in OUTPUT-contents.png.
-    Ctrl-C saves nothing.
+    Scales every record to all intensity levels, and finds the least intensity at which each record overturns
+    the columns (incremental dynamic analysis). Fits a lognormal curve with confidence intervals. Prints
+    median, dispersion and sensitivities of the median. Writes OUTPUT.nc (the curve, with the analysis as a
+    group), OUTPUT-fragility.png and OUTPUT-ida.png. If the problem file has contents (blocks on floors),
+    prints their fragility curves as a table, stores them in a group of OUTPUT.nc and draws
+    OUTPUT-contents.png. Ctrl-C saves nothing.
 
     \b
     Examples:
@@ -127,7 +127,10 @@ def _report_curves(
 ) -> None:
     """Fit the curve of the podium, print it and write all files.
 
-    `contents`: result of `contents_fragility`; None if the problem file has no contents
+    - `console`, `files`: printed output, and paths of the files
+    - `analysis`: incremental dynamic analysis of the podium
+    - `settings`: the table `[fragility]`, overridden by options
+    - `contents`: result of `contents_fragility`; None if the problem file has no contents
     """
     import numpy as np
 
@@ -156,7 +159,8 @@ def _report_curves(
         _report_contents(console, contents, unit_suffix)
         console.draw(files.picture("contents"), "contents_fragility", contents)
     if curve is None:
-        # The analysis is expensive, and shows which levels would allow a fit.
+        # Without a curve, the analysis is still written: it is expensive, and shows which levels would allow
+        # a fit.
         console.write(files.data(), analysis, groups)
         console.draw(files.picture("ida"), "incremental_dynamic_analysis", analysis)
         return
@@ -192,7 +196,12 @@ def _report_curves(
 
 
 def _report_contents(console: Console, data: xarray.Dataset, unit_suffix: str) -> None:
-    """Print a table of the fragility curves of contents; `unit_suffix`: a space and the unit of intensity."""
+    """Print a table of the fragility curves of contents.
+
+    - `console`: prints the table
+    - `data`: result of `contents_fragility`
+    - `unit_suffix`: a space and the unit of the intensity; empty without a unit
+    """
     from rockjax._text.tables import align_rows
 
     rows = [["contents", "max|φ|/α_c", f"median {data.attrs['measure']}{unit_suffix}", "dispersion"]]
@@ -209,8 +218,11 @@ def _report_contents(console: Console, data: xarray.Dataset, unit_suffix: str) -
 
 
 def _curve(console: Console, analysis: xarray.Dataset, settings: models.Fragility) -> xarray.Dataset | None:
-    """Return the fragility curve, without confidence intervals if they cannot be computed; None if no curve
-    fits. In both cases, print the cause and set the exit status."""
+    """Return the fragility curve.
+
+    If its confidence intervals cannot be computed, the curve has none. If no curve can be fitted, the result
+    is None. Both print the cause and set the exit status.
+    """
     import rockjax as rj
 
     try:
@@ -226,7 +238,12 @@ def _curve(console: Console, analysis: xarray.Dataset, settings: models.Fragilit
 
 
 def _suite(request: Request, synthetic: int | None, paths: list[Path]) -> Motions:
-    """Return the motions: records from files, synthetic motions, or a set of the problem file."""
+    """Return the motions: records from files, synthetic motions, or a set of the problem file.
+
+    - `request`: problem of the command
+    - `synthetic`: number of synthetic motions; None for none
+    - `paths`: files, folders and tables of records on the command line
+    """
     from rockjax._motions.synthetic import synthetic_motions
 
     if paths and synthetic is not None:

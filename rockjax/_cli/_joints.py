@@ -1,4 +1,8 @@
-"""Warnings if assumptions of the model do not hold in the joints."""
+"""Warnings if the joints do not fulfil the assumptions of the model: the joints do not slide, the beam stays
+on all columns, and the impacts are possible with rigid faces.
+
+Each column has two joints, with the ground and with the beam. docs/forces.md describes the forces in them.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +16,12 @@ if TYPE_CHECKING:
 
 VARIABLES = ("least_axial_force", "least_impulse_share", "peak_friction", "peak_impact_friction")
 OUTPUTS = ("peak_friction", "axial_force", "impact_friction")  # outputs that contain `VARIABLES`
-ROUNDING = 1e-9  # allowed rounding error of the impact eccentricity ξ_J
+ROUNDING = 1e-9  # allowed rounding error of `Podium.impact_eccentricity` [–]
 
 
 def request_joints(podium: rj.Podium, options: rj.Options) -> rj.Options:
-    """Return the options, with the outputs of joints added if the podium has an elevation."""
+    """Return the options. If the podium has an elevation (positions of columns, heights of masses), the
+    outputs `OUTPUTS` are added."""
     if podium.elevation is None:
         return options
     return options.replace(outputs=tuple(dict.fromkeys((*options.outputs, *OUTPUTS))))
@@ -27,7 +32,8 @@ def joint_warnings(podium: rj.Podium, peaks: Any, friction: float | None) -> Ite
 
     - `podium`: the structure
     - `peaks`: response, peaks or dataset with `VARIABLES` and `overturned`, of a scene or a batch; None to
-      check only the podium. In a batch, scenes that overturn are ignored; a single scene is always checked
+      check only the restitution. In a batch, scenes that overturn are ignored. A single scene is always
+      checked
     - `friction`: friction coefficient μ of the joints [–]; None to omit the checks of friction
     """
     import numpy as np
@@ -50,7 +56,8 @@ def joint_warnings(podium: rj.Podium, peaks: Any, friction: float | None) -> Ite
     survives = ~overturned if overturned.ndim else np.ones((), bool)
 
     def extreme(name: str, sign: int) -> np.ndarray:
-        """Return the larger (sign 1) or smaller (−1) value of the two joints in each surviving scene."""
+        """Return the larger (`sign` 1) or smaller (`sign` −1) value of the two joints of a column, for each
+        surviving scene."""
         values = getattr(peaks, name)
         joint_axis = values.dims.index("joint") if hasattr(values, "dims") else -1
         return sign * np.max(sign * np.asarray(values), axis=joint_axis)[survives]
@@ -77,5 +84,5 @@ def joint_warnings(podium: rj.Podium, peaks: Any, friction: float | None) -> Ite
 
 
 def _scenes_note(flags: np.ndarray) -> str:
-    """Return a phrase with the number of flagged scenes; empty for a single scene."""
+    """Return a phrase with the number of flagged scenes; an empty string for a single scene."""
     return f" in {int(flags.sum())} of {flags.size} surviving scenes" if flags.size > 1 else ""

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rockjax._excitations.base import AbstractExcitation
     from rockjax._motions.motion import Motion
 
-FILE_KEYS = ("units", "dt", "component", "pattern")  # options that apply to files of records
+FILE_KEYS = ("units", "dt", "component", "pattern")  # keys of options for files of records
 
 
 @command(
@@ -51,6 +51,7 @@ def motions(
 
     With --tan-alpha and --R, also prints PGA/(g tan α) and p PGV/(g tan α), where p is the frequency
     parameter of the columns. With --output, writes OUTPUT.nc.
+
     For a problem file, lists the motions of all sets: number, name, source, sampling interval, duration, PGA
     and vertical PGA.
 
@@ -105,8 +106,8 @@ def motions(
 def list_problem(paths: list[Path], options: Mapping[str, tuple[str, Any]], console: Console) -> None:
     """List the motions of a problem file, with the numbers by which `--number` selects them.
 
-    - `paths`: the problem file; several paths are an error
-    - `options`: options on the command line: name → (flag, value)
+    - `paths`: a list with one path, the problem file
+    - `options`: options on the command line: key ↦ (flag, value)
     - `console`: prints the table
 
     Raises `ValueError` for several paths, for options that apply to files of records, and for a file without
@@ -139,7 +140,8 @@ def list_problem(paths: list[Path], options: Mapping[str, tuple[str, Any]], cons
 
 
 def _print_table(console: Console, rows: list[dict[str, Any]], numbers: bool = False) -> None:
-    """Print a table of motions with headings; `numbers`: align all columns but the first to the right."""
+    """Print a table of motions with headings. With `numbers`, all columns except the first are aligned to the
+    right."""
     from rockjax._text.tables import align_rows
 
     for line in align_rows(
@@ -150,8 +152,8 @@ def _print_table(console: Console, rows: list[dict[str, Any]], numbers: bool = F
 
 
 def _motion_row(member: Motion | AbstractExcitation, folder: Path) -> dict[str, Any]:
-    """Return the row of a motion: name, source, sampling interval, duration, PGA and vertical PGA. Values
-    that the motion does not have are None."""
+    """Return the row of a motion: name, source, sampling interval [s], duration [s], PGA [g] and vertical PGA
+    [g]. Values that the motion does not have are None. Paths in `folder` are given relative to it."""
     from rockjax._excitations.ground import GroundMotion
     from rockjax._motions.motion import Motion
     from rockjax._units import STANDARD_GRAVITY
@@ -236,7 +238,7 @@ def synthetic(
     for motion in suite:
         motion.save(output / f"{motion.name}.AT2")
         writer.writerow([f"{motion.name}.AT2", motion.name, *(motion.metadata[key] for key in parameters)])
-    # The table is written last, when all files in it exist.
+    # The table is written last, when all files that it lists exist.
     console.add_file(
         write_atomically(
             output / "suite.csv", lambda name: Path(name).write_text(table.getvalue(), encoding="utf-8")

@@ -1,4 +1,8 @@
-"""Options of the command line. Most are derived from the models of problem files."""
+"""Options of the command line.
+
+Most options set a key of the problem file. They are made from the models in `rockjax/_problem/models/`, which
+describe the keys: each key with a `Flag` has an option.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +16,8 @@ import typer
 from rockjax._problem import models
 from rockjax._problem.models import OUTPUT, Flag
 
-# Default values of options, by key: SINGLE for one structure, PANEL for the structures of a spectrum (each is
-# drawn in a panel of the picture), PULSE for pulses.
+# Default values of options, by key: SINGLE for commands with one structure, PANEL for spectra, which draw
+# each structure in a panel of the picture, and PULSE for pulses.
 SINGLE_DEFAULTS = {
     "tan_alpha": 0.15,
     "R": 1.5,
@@ -28,7 +32,7 @@ PULSE_DEFAULTS = {"acceleration_ratio": 2.5, "T_p": 1.0}
 
 
 def option(*names: str, panel: str, help: str, **option_arguments: Any) -> Any:
-    """Return a Typer option in the group `panel` of the help. Brackets in `help`, which enclose units, are
+    """Return a Typer option. The help lists it under the heading `panel`. The brackets of units in `help` are
     escaped, because Typer would read them as markup."""
     return typer.Option(*names, help=help.replace("[", r"\["), rich_help_panel=panel, **option_arguments)
 
@@ -39,7 +43,7 @@ def argument(help: str, **option_arguments: Any) -> Any:
 
 
 Output = Annotated[
-    str,  # not Path, which drops a trailing slash
+    str,  # not Path, which would drop a trailing slash; the slash marks a folder
     option(
         "--output",
         "-o",
@@ -89,10 +93,10 @@ Json = Annotated[bool, option("--json", panel=OUTPUT, help="Print only one JSON 
 
 
 class Option(NamedTuple):
-    """An option of the command line."""
+    """An option of the command line that sets a key of the problem file."""
 
     annotation: Any  # type for Typer
-    default: Any
+    default: Any  # default value for Typer; None for an option without default
     flag: str  # name, such as "--points"
     convert: Callable[[str, Any], Any]  # (flag, value from Typer) ↦ value of the key
 
@@ -125,20 +129,21 @@ def options_of(model: type[models.Keys], *names: str, **defaults: Any) -> dict[s
 
 
 def structure_options(**defaults: Any) -> dict[str, Option]:
-    """Return the options of structures by ratios and by dimensions; `defaults`: default values by key."""
+    """Return the options of structures, which are given by ratios or by dimensions. `defaults` are default
+    values by key."""
     structures = (models.ByRatios, models.Superstructure, models.ByDimensions)
     return {name: entry for model in structures for name, entry in options_of(model, **defaults).items()}
 
 
 def accuracy_options(**defaults: Any) -> dict[str, Option]:
-    """Return the accuracy options for the keys in `defaults`, with the default values given there."""
+    """Return the options for the keys of the table `[options]` in `defaults`, with these default values."""
     return options_of(models.Options, *defaults, **defaults)
 
 
 def _option_type(annotation: Any) -> tuple[Any, Callable[[str, Any], Any], dict[str, Any]]:
     """Return the Typer type for a key, the function `Option.convert`, and keyword arguments of `option`.
 
-    `annotation`: type of the key in its model
+    - `annotation`: type of the key in its model
     """
     origin, arguments = get_origin(annotation), get_args(annotation)
     if origin is Annotated:

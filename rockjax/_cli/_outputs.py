@@ -1,4 +1,5 @@
-"""Output files. `--output` is a prefix, folder or file name. All paths are checked before the computation."""
+"""Paths of output files. `--output` is a prefix, folder or file name. Commands check all paths before they
+compute results."""
 
 from __future__ import annotations
 
@@ -29,8 +30,11 @@ UNSUPPORTED = (
 
 
 class Outputs(NamedTuple):
-    """Paths of the files of a run: PREFIX.nc, PREFIX.png, PREFIX-NAME.png. `format` is the suffix of all
-    pictures."""
+    """Paths of the files of a run: PREFIX.nc, PREFIX.png, PREFIX-NAME.png.
+
+    - `prefix`: PREFIX, a path
+    - `format`: suffix of all pictures
+    """
 
     prefix: Path
     format: str = ".png"
@@ -44,7 +48,8 @@ class Outputs(NamedTuple):
         return Path(f"{self.prefix}{'-' if name else ''}{name}{self.format}")
 
     def check(self, pictures: Iterable[str] = (), suffix: str = ".nc") -> Outputs:
-        """Return this object; raise `OSError` if its data file or one of the `pictures` cannot be written."""
+        """Return this object unchanged. Raises `OSError` if the data file, or a picture with a name in
+        `pictures`, cannot be written."""
         for path in (self.data(suffix), *map(self.picture, pictures)):
             require_writable(path)
         return self
@@ -74,10 +79,11 @@ def parse_outputs(text: str, name: str) -> Outputs:
 
 
 def store_path(text: str) -> str | Path:
-    """Return the path of the zarr store for `--output`: a URL unchanged, a folder, or rockjax-sweep.zarr in a
-    folder that exists but is not a zarr store.
+    """Return the path of the zarr store for `--output`. A zarr store is a folder, or is at a URL.
 
-    Raises `ValueError` for the suffix of another format, and `OSError` if the store cannot be written.
+    A URL is returned unchanged. If `text` is an existing folder that is not a zarr store, the store is
+    rockjax-sweep.zarr in this folder; otherwise it is `text` itself. Raises `ValueError` for the suffix of
+    another format, and `OSError` if the store cannot be written.
     """
     if "://" in text:
         return text
@@ -94,10 +100,10 @@ def store_path(text: str) -> str | Path:
 
 
 def require_writable(path: Path) -> None:
-    """Raise `OSError` if a path cannot be written.
+    """Raise `OSError` if a file cannot be written to a path.
 
-    The test writes a temporary file into the folder of the path or, if that is missing, into the nearest
-    folder above it that exists.
+    The check writes a temporary file into the folder of the path. If this folder does not exist, the check
+    uses the nearest folder above it that exists.
     """
     if path.is_dir():
         raise OSError(f"{path} could not be written: it is a folder")

@@ -17,10 +17,12 @@ def overturning(
 ) -> None:
     """Compute overturning boundaries against pulse frequency, with survival windows above the first boundary.
 
-    Without options, computes Fig. 7 of the paper that defines the model (see docs/citing.md). Boundaries are
-    roots of the overturning margin; their accuracy depends on the tolerance, not on a grid. Writes OUTPUT.nc,
-    OUTPUT-boundaries.png and, with sensitivities, OUTPUT-sensitivity.png. Ctrl-C saves the finished podiums
-    in OUTPUT.partial.nc; --resume continues with the others.
+    A boundary is an acceleration of the pulse at which the outcome changes. In a survival window, columns
+    survive although smaller accelerations overturn them. Boundaries are roots of the overturning margin;
+    their accuracy depends on the tolerance, not on a grid. Without options, computes Fig. 7 of the paper that
+    defines the model (see docs/citing.md). Writes OUTPUT.nc, OUTPUT-boundaries.png and, with sensitivities,
+    OUTPUT-sensitivity.png. Ctrl-C saves the finished podiums in OUTPUT.partial.nc; --resume continues with
+    the others.
 
     \b
     Examples:

@@ -1,4 +1,5 @@
-"""Spectra of podiums with several mass ratios η/γ and periods T_s, each drawn in one panel of a picture."""
+"""Spectra of several podiums, one for each combination of mass ratio η/γ and period T_s. The picture draws
+each podium in a panel."""
 
 from __future__ import annotations
 
@@ -11,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def make_pulse(name: str, vertical_ratio: float | None) -> Any:
-    """Return the function (a_p, T_p) ↦ ground motion for one kind of pulse.
+    """Return the function (a_p [m/s²], T_p [s]) ↦ ground motion for one kind of pulse.
 
     - `name`: name of the kind, such as "ricker"
     - `vertical_ratio`: vertical divided by horizontal acceleration [–]; None for no vertical motion
@@ -24,9 +25,10 @@ def make_pulse(name: str, vertical_ratio: float | None) -> Any:
 
 
 def combine_panels(datasets: list, ratios: list[float], periods: list[float], zeta: float) -> xarray.Dataset:
-    """Return the spectra of all panels as one dataset with the additional dims `eta_over_gamma` and `T_s`.
+    """Return the spectra of all panels as one dataset with two more dims, `eta_over_gamma` and `T_s`.
 
-    - `datasets`: spectrum of each panel: all periods of the first mass ratio, then of the second, …
+    - `datasets`: the spectra in the order of `Panels`: all periods of the first mass ratio, then all periods
+      of the second, …
     - `ratios`: mass ratios η/γ [–]
     - `periods`: periods T_s [s]; 0 for a rigid superstructure
     - `zeta`: damping ratio [–]
@@ -35,7 +37,7 @@ def combine_panels(datasets: list, ratios: list[float], periods: list[float], ze
     import xarray
 
     next_spectra = iter(datasets)
-    # Spectra with fewer boundaries than others are padded.
+    # The number of overturning boundaries differs between the spectra. `fill_value` pads the shorter ones.
     concat_options = {
         "combine_attrs": "drop_conflicts",
         "join": "outer",
@@ -68,12 +70,12 @@ def report_minima(
     ratios: list[float],
     periods: list[float],
 ) -> None:
-    """Report the least overturning acceleration of each panel.
+    """Print the least overturning acceleration of each panel, and add it to the JSON object.
 
     - `console`: prints the lines
     - `lowest`: least a_p/(g tan α) that overturns the columns [–], with dims `eta_over_gamma` and `T_s`
     - `ratios`: mass ratios η/γ [–]
-    - `periods`: periods T_s [s]
+    - `periods`: periods T_s [s]; 0 for a rigid superstructure
     """
     values = lowest.transpose("eta_over_gamma", "T_s").values
     for ratio, row in zip(ratios, values, strict=True):

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 def peaks(request: Request, console: Console, output: Output = "rockjax-peaks") -> None:
     """Compute peaks of rotation, building and joints under each motion of a set, with estimated errors.
 
-    Prints a row for each motion; if a motion overturns the columns, peaks are those until overturning.
+    Prints a row for each motion. If a motion overturns the columns, its row has the peaks until overturning.
     Writes OUTPUT.nc and OUTPUT.png.
 
     \b
@@ -51,7 +51,7 @@ def peaks(request: Request, console: Console, output: Output = "rockjax-peaks") 
     podium, settings = request.podium(), request.settings
     motions = request.motion_or_set(podium)
     motion, labels = labelled_motion("peaks", motions)
-    if labels is None:  # a single motion has no label, but a list of one motion has
+    if labels is None:  # a single motion has no label, but a list with one motion has
         motion, labels = labelled_motion("peaks", [motions])
         assert labels is not None
     options = request.options(outputs=tuple(settings.outputs or suitable_outputs(podium)))
@@ -90,8 +90,8 @@ def peaks(request: Request, console: Console, output: Output = "rockjax-peaks") 
 
 
 def _rows(data: xarray.Dataset) -> list[dict[str, Any]]:
-    """Return a row for each motion: name, result, number of impacts if the dataset has it, and the worst
-    value of each output over modes, stories or joints."""
+    """Return a row for each motion: its name, the result of its scene, the number of impacts if it was
+    computed, and the worst value of each output over modes, stories or joints."""
     from rockjax._outputs.base import worst_component
     from rockjax._outputs.registry import VARIABLES
     from rockjax._results import NAMES

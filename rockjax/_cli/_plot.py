@@ -37,10 +37,11 @@ def plot(
 ) -> None:
     """Draw the results in a file, such as spectra, responses, fragilities or design charts.
 
-    Writes OUTPUT-KIND.png. Kinds for a rocking spectrum: rotation, overturning, sensitivity, lift-off; for an
-    overturning spectrum: boundaries, sensitivity; for a fragility: fragility, ida, contents; for a response:
-    response, phase-portrait, moment-rotation, energy, stories, joint-forces, friction-demand, and animation
-    (a GIF); for an ensemble: its peaks, such as peak-rotation. All other files have one kind.
+    Writes OUTPUT-KIND.png. The kinds of a rocking spectrum are rotation, overturning, sensitivity and
+    lift-off. The kinds of an overturning spectrum are boundaries and sensitivity. The kinds of a fragility
+    are fragility, ida (incremental dynamic analysis) and contents. The kinds of a response are response,
+    phase-portrait, moment-rotation, energy, stories, joint-forces, friction-demand and animation (a GIF). The
+    kinds of an ensemble are its peaks, such as peak-rotation. All other files have one kind.
 
     \b
     Examples:

@@ -15,14 +15,14 @@ from ._run import FAILED, Console, command
 
 
 class _Progress:
-    """Progress bar of a report: counts scenes and names the running step."""
+    """Progress bar of a report. It counts scenes, and shows the name of the running step."""
 
     def __init__(self, bar: Any):
         self.update, self._bar = bar.update, bar
 
     def describe(self, text: str) -> None:
         """Show the name of the running step."""
-        if hasattr(self._bar, "set_postfix_str"):  # not with --quiet
+        if hasattr(self._bar, "set_postfix_str"):  # False with --quiet, which has no bar
             self._bar.set_postfix_str(text)
 
 
@@ -52,10 +52,11 @@ def report(
     """Write the design report: every check of a problem file on one page, with its utilisation, its numerical
     error and the influence of the inputs.
 
-    Writes FILE.html, FILE.json (all numbers in SI) and FILE.nc (all scenes). Scenes that FILE.nc already has
-    are not solved again, so after a change of a text or a limit in the problem file the report takes seconds.
-    Ctrl-C keeps the solved scenes in FILE.partial.nc, and the same command continues from them. Exit status:
-    0 if every check passes, 1 if not.
+    Writes FILE.html, FILE.json (all numbers in SI) and FILE.nc (all scenes; a scene is one structure under
+    one ground motion). Scenes in an existing FILE.nc are not solved again. After a change of a text or a
+    limit in the problem file, the report therefore takes only seconds. Ctrl-C keeps the solved scenes in
+    FILE.partial.nc, and the same command continues from them. The exit status is 0 if every check passes, and
+    1 if not.
 
     \b
     Examples:
@@ -99,12 +100,13 @@ def report(
 
 
 def _command() -> str:
-    """Return the command line with names of files instead of paths."""
+    """Return the command line for the report, with names of files instead of paths."""
     return shlex.join(map(_without_folder, shlex.split(COMMAND.get())))
 
 
 def _without_folder(word: str) -> str:
-    """Return a word of the command line; a path, also after "=", becomes the name of its file."""
+    """Return a word of the command line. If it is a path, or contains a path after "=", only the name of the
+    file is kept."""
     option, equals, value = word.rpartition("=")
     is_path = "/" in value and Path(value).parent.is_dir()
     return f"{option}{equals}{Path(value).name}" if is_path else word

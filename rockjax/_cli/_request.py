@@ -1,4 +1,7 @@
-"""Problem of a command: the tables of a problem file, overridden by command-line options and validated."""
+"""Problem of a command: the tables of a problem file, overridden by command-line options and validated.
+
+A key is the name of an entry in a table of the problem file. An option sets the key of the same name.
+"""
 
 from __future__ import annotations
 
@@ -16,20 +19,21 @@ if TYPE_CHECKING:
     from rockjax._motions.motion import Motions
     from rockjax._structures import AbstractSuperstructure
 
-# Keys of problem files that options of the same name override.
+# Keys of problem files that have options.
 _SUPERSTRUCTURE_KEYS = tuple(models.Superstructure.model_fields)
 _STRUCTURE_KEYS = [*models.ByRatios.model_fields, *_SUPERSTRUCTURE_KEYS, *models.ByDimensions.model_fields]
 _COLUMN_DIMENSIONS = ("width", "height", "column_mass")
 _PULSE_KEYS = [name for name in models.Pulses.model_fields if name != "vertical_ratio"]
 _MOTION_KEYS = [*models.Pulses.model_fields, *models.Record.model_fields]
-# Key → alternative key, such as acceleration_ratio → a_p.
+# Key ↦ alternative key for the same quantity, such as acceleration_ratio ↦ a_p.
 _ALTERNATIVES = {name: y.instead_of[0] for name, y in (STRUCTURE | MOTION).items() if len(y.instead_of) == 1}
 
 
 def problem_file(problem: Path | None, example: str | None) -> Path | None:
-    """Return the path of the problem file: of the user, or of an example; None if neither is given.
+    """Return the path of the problem file. Raises `ValueError` if both arguments are given.
 
-    Raises `ValueError` if both are given.
+    - `problem`: path that the user has given, or None
+    - `example`: name of an example of the package, or None. If both arguments are None, the result is None
     """
     if example is None:
         return problem
@@ -45,8 +49,8 @@ class Request:
 
     - `command`: name of the command
     - `path`: path of the problem file; None if there is none
-    - `values`: values of all options including defaults, by key; None if an option has no value
-    - `explicit`: (flag, value) of the options on the command line, by key
+    - `values`: key ↦ value of each option, which may be a default; None if an option has no value
+    - `explicit`: key ↦ (flag, value) of each option that the user has given
     """
 
     def __init__(
@@ -60,21 +64,22 @@ class Request:
 
         self.command, self.path = command, path
         self.values = {name: value for name, value in values.items() if value is not None}
-        # Paths of options are relative to the working directory, those in a problem file to its folder.
+        # Paths in options are relative to the working directory, whereas paths in a problem file are relative
+        # to the folder of the file. Therefore paths in options are made absolute.
         for name in ("file", "vertical"):
             if name in self.values:
                 self.values[name] = str(Path(values[name]).absolute())
         self.flags = {name: flag for name, (flag, _) in explicit.items() if name in values}
         self.file_tables = {} if path is None else reading.load_table(path)
         self.reader = reading.Reader(path, explicit)
-        # Keys of the command's table in the problem file.
+        # Keys that the table of this command may have in the problem file.
         self.keys = getattr(models, command.title(), models.Keys).model_fields
         self.tables = self._merge(values)
         self.problem = self.reader.check(models.Problem, self.tables)
         self.settings: Any = getattr(self.problem, command, None)
 
     def option_values(self, names: Iterable[str]) -> dict[str, Any]:
-        """Return the values of these keys that are set on the command line."""
+        """Return key ↦ value for those keys in `names` that the user has set on the command line."""
         return {name: self.values[name] for name in names if name in self.flags}
 
     def _merge(self, option_names: Iterable[str]) -> dict[str, Any]:
@@ -93,17 +98,18 @@ class Request:
         return {name: value for name, value in merged.items() if value is not None}
 
     def _options(self, table: Any) -> Any:
-        """Return the table [options]: values from the command line, else from the file, else defaults.
+        """Return the table `[options]`. For each key, the command line has priority over the file, and the
+        file over the default of the command.
 
-        `atol` is 0.01 `rtol` if `rtol` is on the command line, or if the command has a default `rtol` and the
-        file no `atol`.
+        If the command line sets `rtol`, `atol` is 0.01 `rtol`, whatever the file states. `atol` is also 0.01
+        `rtol` if the command has a default of `rtol` and the file does not state `atol`.
         """
         names = [
             name for name in models.Options.model_fields if name in self.values and name not in self.keys
         ]
         explicit = self.option_values(names)
         if not isinstance(table, dict):
-            return table  # an error, which the check of the model explains
+            return table  # an error; `Reader.check` raises it with an explanation
         merged = {name: self.values[name] for name in names} | table | explicit
         if "rtol" in explicit or ("rtol" in names and "atol" not in table):
             merged["atol"] = 0.01 * merged["rtol"] if isinstance(merged["rtol"], float) else None
@@ -111,7 +117,7 @@ class Request:
 
     def _structure(self, table: Any) -> Any:
         """Return the table of the structure, overridden by the options."""
-        # For these two commands, the method `panels` sets the superstructures.
+        # In these two commands, the method `panels` makes the superstructures from T_s and ζ.
         has_panels = self.command in ("spectrum", "overturning")
         explicit = self.option_values(
             name for name in _STRUCTURE_KEYS if not (has_panels and name in ("T_s", "zeta"))
@@ -125,15 +131,16 @@ class Request:
         if table is not None and "column_mass" not in table:
             return self._by_ratios(table, explicit)
         merged = (table or {}) | explicit
-        if "zeta" in merged:  # the key of the damping ratio if a structure is given by dimensions
+        if "zeta" in merged:  # in a structure by dimensions, the key of the damping ratio is `damping`
             merged["damping"] = merged.pop("zeta")
         return merged
 
     def _by_ratios(self, table: dict[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the table of a structure by ratios, overridden by values.
+        """Return the table of a structure by ratios, overridden by `values`.
 
-        If `values` change the superstructure, T_s = 0 makes it rigid. It is then removed if `values` set
-        η = 0, or if η is missing and neither T_s nor ζ is on the command line.
+        If `values` contain keys of the superstructure, the superstructure is changed as follows. T_s = 0
+        makes it rigid. Values with η = 0 remove it. It is also removed if η is missing, unless the command
+        line sets T_s or ζ.
         """
         merged = self._override(
             table, {name: y for name, y in values.items() if name not in _SUPERSTRUCTURE_KEYS}
@@ -155,10 +162,10 @@ class Request:
         return merged | ({"superstructure": superstructure} if superstructure else {})
 
     def _override(self, entry: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
-        """Return an entry, overridden by values.
+        """Return an entry, overridden by `values`.
 
-        If one of two alternative keys, such as `a_p` and `acceleration_ratio`, is on the command line, the
-        other key is removed.
+        `a_p` and `acceleration_ratio` are an example of alternative keys. If the command line sets one of two
+        alternative keys, the other one is removed. Raises `ValueError` if the command line sets both.
         """
         merged = {**entry, **values}
         for pair in _ALTERNATIVES.items():
@@ -172,8 +179,11 @@ class Request:
         return merged
 
     def _motions(self, merged: Any) -> Any:
-        """Return the sets of motions. Options override the entries of the chosen set; a record on the command
-        line replaces all sets."""
+        """Return the sets of motions.
+
+        A record on the command line replaces all sets of the file. Without sets in the file, the options and
+        their defaults define a set with one pulse. Otherwise options override the entries of the chosen set.
+        """
         explicit, sets, table = (
             self.option_values(_MOTION_KEYS),
             merged.get("motions", {}),
@@ -196,15 +206,16 @@ class Request:
 
     @property
     def changes_motion(self) -> bool:
-        """True if options of the command line change a motion or select one from a set."""
+        """True if options on the command line change a motion, or select one from a set."""
         return bool(self.option_values((*_MOTION_KEYS, "number")))
 
     def options(self, **defaults: Any) -> rj.Options:
-        """Return the options; `defaults`: values of keys that neither an option nor the problem file sets."""
+        """Return the options of the solver. `defaults` are values of keys that neither the command line nor
+        the problem file sets."""
         return self.reader.options(self.problem.options, **defaults)
 
     def podium(self) -> rj.Podium:
-        """Return the structure, and set `MASSES`, which output files contain as attributes."""
+        """Return the structure. Also sets `MASSES`, the attributes of output files."""
         structure, attributes = self.problem.structure, {}
         if isinstance(structure, models.ByDimensions):
             masses = ("column_mass", "beam_mass", "top_mass", "story_masses")
@@ -214,19 +225,20 @@ class Request:
         return self.reader.structure(structure)
 
     def contents(self) -> dict[str, rj.Contents]:
-        """Return the blocks on floors in the problem file: name → block."""
+        """Return the blocks on floors in the problem file, by name."""
         return self.reader.contents(self.problem.contents)
 
     def oscillators(self) -> dict[str, rj.Oscillator]:
-        """Return the oscillators on floors in the problem file: name → oscillator."""
+        """Return the oscillators on floors in the problem file, by name."""
         return self.reader.oscillators(self.problem.oscillators)
 
     def panels(self) -> Panels:
         """Return the podiums of a spectrum: one for each mass ratio η/γ and period T_s (0 for rigid).
 
-        A structure in a problem file or by dimensions is the only podium unless an option or the table of the
-        command sets η, η/γ, T_s or ζ. Raises `ValueError` for contradictory options, and for options that
-        cannot change the superstructure.
+        There is only one podium if the problem file contains a structure, or if the structure is given by
+        dimensions. However, if an option or the table of the command sets η, η/γ, T_s or ζ, these values
+        replace the superstructure. Raises `ValueError` for contradictory options, and for options that cannot
+        change the superstructure.
         """
         from rockjax._structures import superstructure_of
 
@@ -262,8 +274,10 @@ class Request:
     def motion_set_name(self, name: str | None, key: str = "motion") -> str:
         """Return the name of the chosen set of motions.
 
-        - `name`: the choice; None for the only set
-        - `key`: key of the choice in the command's table, and name of the option that sets it
+        - `name`: name of the set, or None for the only set
+        - `key`: key of the table of the command that chooses the set; the option has the same name
+
+        Raises `ValueError` if there is no such set, or if `name` is None and there are several sets.
         """
         sets = self.problem.motions
         if name is None and len(sets) > 1:
@@ -275,7 +289,8 @@ class Request:
         return self.reader.require_set(sets, name, f"{self.command}.{key}")
 
     def motion(self, podium: rj.Podium) -> Any:
-        """Return the chosen motion of the chosen set."""
+        """Return the chosen motion of the chosen set. Raises `ValueError` if the number of the motion is
+        invalid, or missing although the set has several motions."""
         name, number = self.motion_set_name(self.settings.motion), self.settings.number
         members = self.reader.members(self.problem.motions, name, podium)
         if (number is None and len(members) > 1) or (number is not None and number > len(members)):
@@ -287,8 +302,8 @@ class Request:
         return members[(number or 1) - 1]
 
     def motion_or_set(self, podium: rj.Podium) -> Any:
-        """Return all motions of the chosen set, or a single motion if options change or select one, or the
-        set has only one."""
+        """Return all motions of the chosen set. If options change or select a motion, or if the set has only
+        one, return a single motion."""
         from rockjax._problem.reading import has_pulses, to_excitation
 
         sets, name = self.problem.motions, self.settings.motion
@@ -303,7 +318,8 @@ class Request:
 
 
 class Panels(NamedTuple):
-    """Podiums of a spectrum, one per panel: all periods of the first mass ratio, then of the second, …"""
+    """Podiums of a spectrum, one for each panel of the picture. All periods of the first mass ratio come
+    first, then all periods of the second, …"""
 
     podiums: list[rj.Podium]
     ratios: list[float]  # mass ratios η/γ [–]
@@ -314,9 +330,9 @@ class Panels(NamedTuple):
 def read_records(reader: Any, paths: list[Path], keys: Mapping[str, Any]) -> Motions:
     """Return the motions of files, folders and tables.
 
-    - `reader`: checks and reads the entries
+    - `reader`: a `rockjax._problem.reading.Reader`, which checks and reads the paths
     - `paths`: the files, folders and tables
-    - `keys`: values of keys for all these paths, such as `units` and `dt`; only folders use `pattern`
+    - `keys`: key ↦ value for all these paths, such as `units` and `dt`; `pattern` applies only to folders
     """
     from rockjax._motions.readers import is_table
 
@@ -329,17 +345,15 @@ def read_records(reader: Any, paths: list[Path], keys: Mapping[str, Any]) -> Mot
 
 
 def _equal_stories(structure: Any) -> int | None:
-    """Return the number of stories of a structure with equal stories, otherwise None."""
+    """Return the number of stories of a building with equal stories; None for other structures."""
     return getattr(structure, "stories", None) or getattr(
         getattr(structure, "superstructure", None), "stories", None
     )
 
 
 def _longest_period(superstructure: AbstractSuperstructure | None) -> tuple[float, float | None]:
-    """Return the longest period of a superstructure [s] and the damping ratio of that mode.
-
-    Return (0, None) without modes.
-    """
+    """Return the longest period of a superstructure [s], and the damping ratio of the mode with this period
+    [–]. Without a superstructure or without modes, return (0, None)."""
     import numpy as np
 
     oscillators = None if superstructure is None else superstructure.oscillators

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 
 def residual_share(podium: rj.Podium) -> float:
-    """Return the share of the superstructure's mass that is in no mode and moves with the beam; 0 without a
-    superstructure and for `Rigid`, which is not described by modes."""
+    """Return the share of the mass of the superstructure that belongs to no mode and moves with the beam [–].
+    It is 0 without a superstructure, and for `Rigid`, which is not described by modes."""
     superstructure = podium.superstructure
     if superstructure is None or not superstructure.rows:
         return 0.0
@@ -38,9 +38,10 @@ def residual_share(podium: rj.Podium) -> float:
 def response(request: Request, console: Console, output: Output = "rockjax-response") -> None:
     """Compute one time history: rotation, deformation, ground acceleration, and the peaks.
 
-    Writes OUTPUT.nc and OUTPUT.png, with forces and friction in the joints if the structure has an elevation,
-    and with the responses of contents and oscillators on floors if the problem file has any.
-    `rockjax plot OUTPUT.nc --kind …` draws phase portraits, energies and an animation.
+    Writes OUTPUT.nc and OUTPUT.png. If the structure has an elevation (positions of columns, heights of
+    masses), they include forces and friction in the joints. If the problem file has contents (blocks) or
+    oscillators on floors, they include the responses of these. `rockjax plot OUTPUT.nc --kind …` draws phase
+    portraits, energies and an animation.
 
     \b
     Examples:
@@ -91,7 +92,8 @@ def response(request: Request, console: Console, output: Output = "rockjax-respo
 
 
 def _describe_inputs(attrs: Mapping[str, Any]) -> Iterator[str]:
-    """Yield lines about the inputs: records, impact law, uplift acceleration and, if given, masses."""
+    """Yield lines about the inputs: records, impact law and uplift acceleration. For a structure by
+    dimensions, a line with the masses follows."""
     g = attrs["g_m_s2"]
     for component in ("", "vertical_"):
         prefix = f"{component}record_"

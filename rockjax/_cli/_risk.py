@@ -18,8 +18,8 @@ def risk(request: Request, console: Console, output: Output = "rockjax-risk") ->
 
     Prints frequency, return period, probability in a given time, and sensitivities of the frequency to median
     and dispersion. If the file of the fragility curve has sensitivities of the median to parameters of the
-    structure, those of the frequency are printed as well. Writes OUTPUT.nc (hazard, fragility and the
-    contribution of each intensity) and OUTPUT-risk.png.
+    structure, also prints the sensitivities of the frequency to these parameters. Writes OUTPUT.nc (hazard,
+    fragility and the contribution of each intensity) and OUTPUT-risk.png.
 
     \b
     Examples:
@@ -71,5 +71,6 @@ def risk(request: Request, console: Console, output: Output = "rockjax-risk") ->
 
 
 def _path(request: Request, name: str) -> Path:
-    """Return the path of a file: in the working directory or, if it is not there, beside the problem file."""
+    """Return the path of a file. If it is not in the working directory, it must be in the folder of the
+    problem file."""
     return Path(name) if request.path is None or Path(name).exists() else request.path.parent / name

@@ -24,7 +24,8 @@ FAILED, WRONG_INPUT, INTERRUPTED = 1, 2, 130  # exit statuses
 
 
 class Console:
-    """Output of a command: a summary or a JSON object on stdout, progress and remarks on stderr.
+    """Output of a command. A summary or a JSON object is printed on stdout, and progress, remarks and errors
+    on stderr.
 
     - `json_object`: entries of the JSON object that `--json` prints
     - `written`: files that the command has written
@@ -54,7 +55,7 @@ class Console:
         self.status = status
 
     def progress(self, total: int | None, unit: str) -> Any:
-        """Return a progress bar on stderr."""
+        """Return a progress bar on stderr; `total` is None if the number of units is not known in advance."""
         from rockjax._progress import bar
 
         return bar(total, unit, not self.quiet, unit_scale=total is None or total >= 1000)
@@ -62,7 +63,8 @@ class Console:
     def write(
         self, path: str | Path, data: xarray.Dataset, groups: dict[str, xarray.Dataset] | None = None
     ) -> None:
-        """Write a dataset and its `groups`, with the command line and masses as attributes."""
+        """Write a dataset and its `groups` to a netCDF file, with the command line and the masses of the
+        structure as attributes."""
         from rockjax._files import write_dataset
 
         data.attrs |= {"command": COMMAND.get()} | MASSES.get({})
@@ -70,15 +72,19 @@ class Console:
 
     def draw(self, path: str | Path, plot: str, data: Any, **arguments: Any) -> None:
         """Write the picture `rockjax.plots.<plot>(data, **arguments)`."""
-        os.environ["MPLBACKEND"] = "Agg"  # works without a screen
+        os.environ["MPLBACKEND"] = "Agg"  # this backend of matplotlib needs no screen
         from rockjax import plots
         from rockjax._files import write_figure
 
         self.add_file(write_figure(path, getattr(plots, plot)(data, **arguments).figure))
 
     def say_scenes(self, data: xarray.Dataset, total: int) -> dict[str, Any]:
-        """Print the share of scenes that overturned, and the number of those that did not finish. Return both
-        by name, with `total`, the number of all scenes."""
+        """Print the share of scenes that overturned, and the number of scenes that did not finish. Return
+        entries for the JSON object: these two numbers, and the number of all scenes.
+
+        - `data`: dataset with the variables `overturned` and `result`
+        - `total`: number of all scenes
+        """
         from rockjax._responses.peak import UNTIL_OVERTURNING
         from rockjax._results import did_not_finish
 
@@ -88,7 +94,7 @@ class Console:
         return {"scenes": total, "overturned": overturned, "without_answer": failed}
 
     def add_file(self, path: str | Path) -> None:
-        """Add a file to the files that `close` lists."""
+        """Add a file to the list of written files, which `close` prints."""
         self.written.append(path)
 
     def close(self) -> None:
@@ -111,11 +117,11 @@ class Console:
 def command(*groups: dict[str, Option], jax: bool = True) -> Callable[[Callable[..., None]], Any]:
     """Return a decorator that turns a function into a command.
 
-    - `groups`: options from the models of problem files, by key
-    - `jax`: whether to configure JAX's cache of compiled programs, and logging, before the call
+    - `groups`: options that set keys of the problem file, by key
+    - `jax`: whether to call `configure_jax` first
 
-    The function takes `console` and its own options. It may also take `request`, which has the problem file
-    and the options of `groups`, or `reader`, which checks these options without a problem file.
+    The function takes `console` and its own options. It may also take `request`, which contains the problem
+    file and the options of `groups`, or `reader`, which checks these options without a problem file.
     """
     options = {name: entry for group in groups for name, entry in group.items()}
 
@@ -180,7 +186,8 @@ def command(*groups: dict[str, Option], jax: bool = True) -> Callable[[Callable[
 
 
 def _take_problem(values: dict[str, Any]) -> Path | None:
-    """Return the problem file. If the command has `inputs`, the problem file is removed from `inputs`."""
+    """Return the problem file, or None. Commands with the argument `inputs` accept the problem file among the
+    other inputs. It is then removed from `values["inputs"]`."""
     if "inputs" not in values:
         return values["problem"]
     inputs = values["inputs"] or []
@@ -192,7 +199,7 @@ def _take_problem(values: dict[str, Any]) -> Path | None:
 
 
 def _run_and_exit(console: Console, call: Callable[[], None]) -> None:
-    """Run a command, print its warnings as lines, and exit with its status."""
+    """Run a command, print its warnings as lines, and exit with its status if that is not 0."""
     from rockjax._unit_warnings import PlausibilityWarning
 
     with warnings.catch_warnings():
@@ -212,8 +219,9 @@ def _run_and_exit(console: Console, call: Callable[[], None]) -> None:
 
 
 def unwrap_docstring(function: Callable[..., None]) -> str:
-    """Return the docstring of a command as markup. As help keeps line breaks, each paragraph is put on one
-    line, except those that begin with \\b."""
+    """Return the docstring of a command as the text of its help. The help keeps line breaks, so each
+    paragraph is put on one line, except paragraphs that begin with \\b. Brackets are escaped, because they
+    would be read as markup."""
     paragraphs = (inspect.getdoc(function) or "").replace("[", r"\[").split("\n\n")
     return "\n\n".join(text if text.startswith("\b") else text.replace("\n", " ") for text in paragraphs)
 
@@ -235,9 +243,9 @@ def configure_jax(console: Console) -> None:
     from rockjax._programs import key, store
 
     if store.enabled() and jax.config.jax_compilation_cache_dir is None:  # pyright: ignore[reportAttributeAccessIssue]
-        # JAX's own cache keeps the programs that rockjax does not store. The process runs only this command,
-        # so the setting affects nothing else. Each version of rockjax has its own folder, because rockjax
-        # cannot store a program that JAX loads from its cache instead of compiling it.
+        # Programs that rockjax does not store are kept in JAX's own cache. The setting affects the whole
+        # process, but the process runs only this command. Each version of rockjax has its own folder of this
+        # cache: if JAX loaded a program from it instead of compiling the program, rockjax could not store it.
         jax.config.update("jax_compilation_cache_dir", str(store.root() / "jax" / key.source_hash()[:16]))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
     if console.quiet:
@@ -256,11 +264,12 @@ def _describe_programs() -> str:
 def exit_after_saving(
     output: Path, datasets: list, message: str = "stopped before all files were written"
 ) -> typer.Exit:
-    """Save partial results, print how to resume, and return the exception that ends the command.
+    """Save partial results, print how to resume, and return the exception that ends the command. If no podium
+    has results, nothing is saved.
 
     - `output`: prefix of the files of the command
     - `datasets`: results of each podium, complete or not; None for a podium without results
-    - `message`: the printed reason of the interruption
+    - `message`: reason of the interruption, for the printed line
     """
     from rockjax._cli import _checkpoint
 

@@ -39,4 +39,4 @@ def schema(
     elif console.json:
         console.json_object["schema"] = json_schema
     else:
-        typer.echo(text)  # also with --quiet, because the schema is no summary
+        typer.echo(text)  # also with --quiet, which suppresses only the summary

@@ -22,10 +22,11 @@ def spectrum(
     """Compute rocking spectra: peak rotation and overturning against pulse frequency and acceleration.
 
     Without options, computes 12 spectra: Figs. 6 and 7 of the paper that defines the model (see
-    docs/citing.md). Overturning boundaries are refined between grid points with different outcomes;
-    `rockjax overturning` also finds boundaries between points with the same outcome.
-    Writes OUTPUT.nc, OUTPUT-rotation.png, OUTPUT-overturning.png and, with sensitivities,
-    OUTPUT-sensitivity.png. Ctrl-C saves the solved scenes in OUTPUT.partial.nc; --resume solves the others.
+    docs/citing.md). Between neighbouring grid points with different outcomes, the overturning boundary is
+    computed as a root. Boundaries between points with the same outcome are not found; `rockjax overturning`
+    finds them. Writes OUTPUT.nc, OUTPUT-rotation.png, OUTPUT-overturning.png and, with sensitivities,
+    OUTPUT-sensitivity.png. Ctrl-C saves the solved scenes (pairs of structure and motion) in
+    OUTPUT.partial.nc; --resume solves the others.
 
     \b
     Examples:

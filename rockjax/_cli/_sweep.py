@@ -66,9 +66,9 @@ def sweep(
 ) -> None:
     """Compute peak responses of a grid of scenes of any size, chunk by chunk, on this machine or a cluster.
 
-    The axes are parameters of the structure and of the motion; a set of several motions is an additional
-    axis. Writes a zarr store, which xarray opens. The same command continues an interrupted sweep: chunks in
-    the store are verified and reused.
+    A scene is one structure under one motion. The axes are parameters of the structure and of the motion. A
+    set of several motions is an additional axis. Writes a zarr store, which xarray opens. The same command
+    continues an interrupted sweep: chunks in the store are verified and reused.
 
     \b
     Examples:
@@ -121,7 +121,12 @@ def sweep(
 
 
 def _axes(request: Request, texts: list[str]) -> dict[str, Any]:
-    """Return the values along the axes from the problem file and the command line, which has precedence."""
+    """Return the values along each axis, by name. An axis on the command line replaces the axis of the same
+    name in the problem file.
+
+    - `request`: problem of the command
+    - `texts`: values of `--axis`, such as "alpha=0.1:0.2:11"
+    """
     import numpy as np
 
     from_options = {}
@@ -142,7 +147,7 @@ def _axes(request: Request, texts: list[str]) -> dict[str, Any]:
 
 
 def _parse_axis(text: str) -> Any:
-    """Return the values of `--axis` as an entry of [sweep.axes]."""
+    """Return the part of `--axis` after "=" as an entry of the table `[sweep.axes]`."""
     message = (
         f"--axis needs numbers separated by commas, low:high:points or low:high:points:log, got {text!r}"
     )
@@ -160,7 +165,8 @@ def _parse_axis(text: str) -> Any:
 
 @contextlib.contextmanager
 def _client(workers: int | None, scheduler: str | None) -> Iterator[Any]:
-    """Yield a Dask client of the requested cluster; None without a cluster."""
+    """Yield a Dask client: of a scheduler, or of `workers` new processes on this machine. Yield None if
+    neither is given."""
     if workers is None and scheduler is None:
         yield None
         return
@@ -174,7 +180,7 @@ def _client(workers: int | None, scheduler: str | None) -> Iterator[Any]:
         with Client(**connection) as client:
             yield client
         return
-    # Worker processes read these environment variables, so that they share JAX's cache of compiled programs.
+    # Worker processes inherit these environment variables, and so share JAX's cache of compiled programs.
     folder = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
     if folder is not None:
         os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(folder))

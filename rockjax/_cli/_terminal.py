@@ -10,18 +10,20 @@ from typing import Any
 
 
 class _Stream:
-    """A standard stream that raises no `OSError`: after a failure, text is dropped.
+    """A standard stream that raises no `OSError`. After a failed write, all further text is dropped.
 
-    `failure` is the error of the first failed write, such as a full disk. A pipe that the reader has closed,
-    as by `| head -1`, does not count as a failure.
+    `failure` is the error of the failed write, such as a full disk, or None. If a reader such as `head -1`
+    has closed the pipe, the text is also dropped, but `failure` is None.
     """
 
     def __init__(self, stream: Any):
         self._stream = stream
         self._closed = False
         self.failure: OSError | None = None
-        with contextlib.suppress(AttributeError, ValueError):  # streams of notebooks and tests
-            stream.reconfigure(errors="backslashreplace")  # cp1252 has no α
+        # Encodings such as cp1252 have no α; it is printed as an escape sequence. Streams of notebooks and
+        # tests cannot be reconfigured.
+        with contextlib.suppress(AttributeError, ValueError):
+            stream.reconfigure(errors="backslashreplace")
 
     def write(self, text: str) -> int:
         self._attempt(self._stream.write, text)
@@ -39,7 +41,7 @@ class _Stream:
             self._closed = True
             if not isinstance(error, BrokenPipeError):
                 self.failure = error
-            # Python flushes the stream at exit, which must not fail again.
+            # Python flushes the stream again at exit. The null device lets this succeed.
             with contextlib.suppress(OSError, ValueError):
                 os.dup2(os.open(os.devnull, os.O_WRONLY), self._stream.fileno())
 
@@ -49,10 +51,11 @@ class _Stream:
 
 @contextlib.contextmanager
 def terminal() -> Iterator[None]:
-    """While a command runs, replace stdout and stderr by streams that do not fail.
+    """Return a context in which stdout and stderr are streams that do not fail.
 
-    If NO_COLOR is set, bold and dim text are switched off as well as colours. Raises `SystemExit` with status
-    1 after the command if stdout could not be written, for example on a full disk.
+    If stdout could not be written, for example on a full disk, `SystemExit` with status 1 is raised at the
+    end of the context. If the environment variable NO_COLOR is set, the help has neither colours nor bold or
+    dim text.
     """
     if os.environ.get("NO_COLOR"):
         _switch_off_styles()
@@ -74,8 +77,8 @@ def terminal() -> Iterator[None]:
 def _open_closed_streams() -> None:
     """Open the null device for standard streams that the parent process has closed.
 
-    Otherwise the next opened file would get the descriptor of a closed stream, and text that libraries print
-    to this stream would end up in the file.
+    Otherwise the next file that is opened would get the descriptor of the closed stream. Text that libraries
+    print to the stream would then end up in this file.
     """
     for descriptor in range(3):
         try:
@@ -88,7 +91,8 @@ def _open_closed_streams() -> None:
 
 
 def _switch_off_styles() -> None:
-    """Switch off all styles of help: under NO_COLOR, rich keeps bold and dim text."""
+    """Switch off all styles of the help. NO_COLOR alone does not suffice, because the package rich then still
+    prints bold and dim text."""
     with contextlib.suppress(ImportError):
         from typer import rich_utils
 

@@ -1,1 +1,1 @@
-"""Problem files: a structure, ground motions, options, and a table for each command."""
+"""Problem files (TOML), with a structure, ground motions, options, and a table for each command."""

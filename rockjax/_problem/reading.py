@@ -1,4 +1,7 @@
-"""Read problem files: check tables against the models, and build structures, motions and options."""
+"""Reading of problem files: check their tables against the models, and build structures, motions and options.
+
+A table is a dictionary key ↦ value. A model (`models.Keys`) is the pydantic class of a table.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +48,8 @@ class LocatedError(ValueError):
 
 
 def load_table(path: Path) -> dict[str, Any]:
-    """Return the table of a TOML file. Raises `ValueError`, which names the file and the cause."""
+    """Return the contents of a TOML file as a table. Raises a `ValueError` that names the file and the
+    cause."""
     try:
         return tomllib.loads(read_text(path, utf8_only=True))
     except tomllib.TOMLDecodeError as error:
@@ -55,9 +59,10 @@ def load_table(path: Path) -> dict[str, Any]:
 class Reader:
     """Reader of the tables of a problem file. Errors name the file, the key and the cause.
 
-    - `path`: the problem file, whose folder is the base of relative paths; None for tables without a file
-    - `options`: key → (flag, value) for keys that the command line has set. An error about such a value names
-      the flag
+    - `path`: the problem file, or None for tables without a file. Paths in the tables are relative to the
+      folder of the file, or to the working directory
+    - `options`: key ↦ (flag, value) for keys that the command line has set. An error about such a value names
+      the flag instead of the file and the key
     """
 
     def __init__(self, path: Path | None = None, options: Mapping[str, tuple[str, Any]] | None = None):
@@ -66,13 +71,13 @@ class Reader:
         self.set_by_options = options or {}
 
     def option_values(self, names: Iterable[str]) -> dict[str, Any]:
-        """Return key → value for the keys in `names` that the command line has set."""
+        """Return key ↦ value for the keys in `names` that the command line has set."""
         return {name: self.set_by_options[name][1] for name in names if name in self.set_by_options}
 
     @contextlib.contextmanager
     def errors_at(self, key: str) -> Iterator[None]:
-        """Return a context that replaces a `ValueError` or `TypeError` by a `LocatedError`, whose message
-        also names the file and the key."""
+        """Return a context that replaces a `ValueError` or `TypeError` by a `LocatedError`. Its message also
+        names the file and `key`."""
         try:
             yield
         except LocatedError:
@@ -81,7 +86,7 @@ class Reader:
             self.fail(key, str(error))
 
     def fail(self, key: str, reason: str) -> NoReturn:
-        """Raise `LocatedError` with a message that names the file, a key and the reason."""
+        """Raise a `LocatedError` with a message that names the file, `key` and `reason`."""
         raise LocatedError(f"{self.prefix}{key}: {reason}")
 
     def check(self, model: type[K], table: Any, where: str = "") -> K:
@@ -89,7 +94,7 @@ class Reader:
 
         - `model`: class of the model
         - `table`: the table
-        - `where`: key of the table, for messages; "" for the file as a whole
+        - `where`: key of the table in the file, for messages; "" for the file as a whole
 
         Raises `LocatedError` for the first error in the table.
         """
@@ -105,8 +110,8 @@ class Reader:
         return self.fail(".".join(path), reason)
 
     def options(self, given: models.Options, **defaults: Any) -> Options:
-        """Return the options of a table; `defaults` apply to keys that neither the command line nor the file
-        sets."""
+        """Return the options of the solver. `defaults` are values of keys that neither the command line nor
+        the file sets. A scene that does not finish raises no error, unless the file sets `throw`."""
         arguments: dict[str, Any] = {"throw": False} | defaults | given.as_arguments()
         with self.errors_at("options"):
             return Options(**arguments)
@@ -116,8 +121,12 @@ class Reader:
         given: models.ByRatios | models.ByDimensions,
         by_dimensions: Callable[..., Any] = Podium.from_dimensions,
     ) -> Any:
-        """Return the podium of a table of ratios, or the result of `by_dimensions` for a table of dimensions,
-        by default the podium too."""
+        """Return the podium of a structure.
+
+        - `given`: the table of the structure, by ratios or by dimensions
+        - `by_dimensions`: function that makes the result from the keys of a table of dimensions, by default a
+          podium
+        """
         parameters = given.as_arguments("superstructure", "elevation")
         with self.errors_at("structure"):
             if isinstance(given, models.ByDimensions):
@@ -146,7 +155,7 @@ class Reader:
             )
 
     def superstructure(self, given: Any) -> Any:
-        """Build the superstructure of a table; None if there is no table."""
+        """Return the superstructure of a table. If there is no table, return None."""
         if given is None:
             return None
         classes: dict[type, Callable[..., Any]] = {
@@ -165,7 +174,14 @@ class Reader:
         return self._build_named("oscillators", given, Oscillator)
 
     def _build_named(self, table: str, given: Iterable[Any], make: Callable[..., T]) -> dict[str, T]:
-        """Build the objects of a table; an object without a name is called `table`-1, `table`-2 …"""
+        """Return the objects that a list of entries describes, by name.
+
+        - `table`: name of the list in the file. Entry k without a name is called `table`-k, counted from 1
+        - `given`: the entries
+        - `make`: function that makes an object from the keys of an entry
+
+        Raises `LocatedError` for a name that occurs twice.
+        """
         objects: dict[str, T] = {}
         for k, entry in enumerate(given):
             with self.errors_at(f"{table}[{k}]"):
@@ -178,13 +194,17 @@ class Reader:
     def motions(
         self, sets: Mapping[str, models.MotionSet], podium: Podium
     ) -> dict[str, list[AbstractExcitation]]:
-        """Return the motions of all sets as excitations, by name of the set."""
+        """Return the motions of all sets as lists of excitations, by name of the set.
+
+        - `sets`: all sets by name
+        - `podium`: structure for pulses that are given by ratios
+        """
         return {name: [to_excitation(y) for y in self.members(sets, name, podium)] for name in sets}
 
     def members(
         self, sets: Mapping[str, models.MotionSet], name: str, podium: Podium | None
     ) -> list[Motion | AbstractExcitation]:
-        """Return the motions of a set: pulses as excitations, records as `Motion` with their name and source.
+        """Return the motions of a set: pulses as excitations, and records as `Motion` with name and source.
 
         - `sets`: all sets by name
         - `name`: name of the set
@@ -199,17 +219,17 @@ class Reader:
         return motions
 
     def records(self, sets: Mapping[str, models.MotionSet], name: str) -> Motions:
-        """Return the records of a set, with their names. Raises `LocatedError` for pulses."""
+        """Return the records of a set with their names. Raises `LocatedError` if the set contains a pulse."""
         if has_pulses(sets[name]):
             self.fail(f"motions.{name}", "must have records (file, suite or synthetic) here, not pulses")
         return Motions(tuple(self.members(sets, name, None)))  # pyright: ignore[reportArgumentType]
 
     def require_set(self, sets: Mapping[str, Any], name: str | None, key: str) -> str:
-        """Return `name` if a set of motions has this name. If `name` is None, return the name of the only
-        set.
+        """Return `name`, after a check that a set of motions has this name. If `name` is None, return the
+        name of the only set.
 
-        Raises `LocatedError`, which names `key`, if no set has this name or, for None, unless there is
-        exactly one set.
+        Raises a `LocatedError` that names `key` if no set has the name. For None, the error is raised unless
+        there is exactly one set.
         """
         if name is None and len(sets) == 1:
             return next(iter(sets))
@@ -233,7 +253,12 @@ class Reader:
         return motions.paired() if getattr(entry, "paired", False) else motions
 
     def _record(self, path: Path, arguments: dict[str, Any]) -> Motion:
-        """Return the record of a file, with a vertical component if `arguments` name its file."""
+        """Return the record of a file.
+
+        - `path`: path of the file
+        - `arguments`: arguments of `read_motion`; also `scale`, and for a vertical component its file
+          `vertical` and its channel `vertical_component`
+        """
         scale, vertical_file, component = (
             arguments.pop(name, None) for name in ("scale", "vertical", "vertical_component")
         )
@@ -247,12 +272,15 @@ class Reader:
 def _explain_first_error(error: ValidationError, table: Any) -> tuple[str, str, Any]:
     """Return the key, the cause and the invalid value for the first error in a table.
 
-    The key is "file" if the error concerns the table itself. The value is None if a key is missing or a kind
-    is unknown.
+    - `error`: error of pydantic
+    - `table`: the table
+
+    The key is "file" if the error concerns the table itself. The value is None if a key is missing, or if the
+    kind of an entry is missing or unknown.
     """
     first_error = error.errors(include_url=False)[0]
     location, value, reason = "", table, first_error["msg"].removeprefix("Value error, ")
-    for step in first_error["loc"]:  # steps that are not in the table name branches of unions
+    for step in first_error["loc"]:  # steps that are not in the table are tags of unions; they are omitted
         if isinstance(value, dict) and step in value:
             location, value = f"{location}.{step}".lstrip("."), value[step]
         elif isinstance(value, list) and isinstance(step, int) and step < len(value):
@@ -275,7 +303,7 @@ def _explain_first_error(error: ValidationError, table: Any) -> tuple[str, str, 
 
 
 def _contents(**given: Any) -> Contents:
-    """Return a block on a floor, built from its dimensions or from slenderness and size."""
+    """Return a block on a floor from its keys: width and height, or alpha and R."""
     return Contents.from_dimensions(**given) if "width" in given else Contents(**given)
 
 
@@ -295,8 +323,13 @@ def to_excitation(member: Motion | AbstractExcitation) -> AbstractExcitation:
 
 
 def _pulses(entry: models.Pulses, podium: Podium | None) -> list[AbstractExcitation]:
-    """Return the pulses of an entry. `podium` is the structure for pulses that are given by ratios, or None
-    if there is no structure."""
+    """Return the pulses of an entry of a set.
+
+    - `entry`: the entry
+    - `podium`: structure for pulses that are given by ratios, or None if there is no structure
+
+    Raises `ValueError` for ratios without a structure.
+    """
     pulse_class = PULSES[entry.kind]
     a_p = (
         entry.a_p
@@ -313,8 +346,8 @@ def _pulses(entry: models.Pulses, podium: Podium | None) -> list[AbstractExcitat
 
 
 def pulse_periods(entry: Any, podium: Podium | None) -> Any:
-    """Return the periods T_p of the pulses of an entry [s]. The entry gives either T_p or ω_p/p, where p is
-    the frequency parameter of the podium."""
+    """Return the periods T_p of the pulses of an entry [s]. The entry gives either T_p or ω_p/p. Here
+    ω_p = 2π/T_p is the frequency of the pulse, and p the frequency parameter of the podium."""
     if entry.frequency_ratio is None:
         return entry.T_p
     return pulse_period(float(_require_structure(podium).p), np.asarray(entry.frequency_ratio))

@@ -1,4 +1,4 @@
-"""The fragility curve that the table `[risk]` of a problem file gives, and its comparison with a podium."""
+"""The fragility curve of the table `[risk]` of a problem file, and a check that it belongs to a podium."""
 
 from __future__ import annotations
 
@@ -17,16 +17,21 @@ from . import models
 
 
 def fragility_of(settings: models.Risk, find: Callable[[str], Path]) -> Any:
-    """Return the fragility curve of `[risk]`: the curve from a file if `fragility` names one, a lognormal
-    distribution if `median` and `dispersion` are given, otherwise None.
+    """Return the fragility curve of the table `[risk]`.
+
+    The key `fragility` names the file of a curve: a file of `rockjax fragility`, or a model of OpenQuake
+    (.xml) with the curves of one or several structures. Alternatively, `median` and `dispersion` define a
+    lognormal distribution. Without any of these keys, the result is None.
 
     - `settings`: the table `[risk]`
     - `find`: function that turns a file name of the table into a path
 
-    Raises `ValueError` if the file cannot be read or contains no fragility curve, if both a file and values
-    are given, or if only one of `median` and `dispersion` is given. For a model (.xml), `ValueError` is also
-    raised if `structure` is unknown, or missing although the model has several structures; for other curves,
-    if `structure` is given.
+    Raises `ValueError` in these cases:
+
+    - if the file cannot be read, or contains no fragility curve
+    - if both a file and values are given, or only one of `median` and `dispersion`
+    - for a model with several structures, if the key `structure` is missing
+    - if `structure` names no structure of the model, or is given for a curve that is not in a model
     """
     parameters = [value for value in (settings.median, settings.dispersion) if value is not None]
     if settings.structure is not None and not (settings.fragility or "").lower().endswith(".xml"):
@@ -57,14 +62,14 @@ def fragility_of(settings: models.Risk, find: Callable[[str], Path]) -> Any:
 
 
 def check_structure(curve: Any, podium: Podium, name: str) -> None:
-    """Raise `ValueError` if a fragility curve belongs to another structure, apart from the elevation.
+    """Raise `ValueError` if a fragility curve belongs to a structure with other parameters.
 
-    - `curve`: result of `fragility_of`. A curve that does not state the parameters of its structure, such as
-      a curve of OpenQuake, passes
+    - `curve`: result of `fragility_of`. If the curve does not state the parameters of its structure, like a
+      curve of OpenQuake, no error is raised
     - `podium`: the structure
-    - `name`: name of the curve's file, for the message
+    - `name`: name of the file of the curve, for the message
 
-    The elevation is not compared, because it changes only the forces in the joints, not overturning.
+    The elevation is not compared, because it changes the forces in the joints, but not overturning.
     """
     attrs = getattr(curve, "attrs", {})
     if "alpha_rad" not in attrs:
@@ -82,9 +87,14 @@ def check_structure(curve: Any, podium: Podium, name: str) -> None:
 
 
 def _curve_of_model(path: Path, model: dict[str, Any], structure: str | None) -> Any:
-    """Return the curve of a structure in a model, a dict name → curve. `structure` is the name; None stands
-    for the only structure. Raises `ValueError` for an unknown name, and for None if there are several
-    structures."""
+    """Return the curve of one structure in a model.
+
+    - `path`: file of the model, for messages
+    - `model`: name of a structure ↦ curve
+    - `structure`: name of the structure; None for the only structure of the model
+
+    Raises `ValueError` for an unknown name, and for None if the model has several structures.
+    """
     if structure is None and len(model) > 1:
         raise ValueError(
             f"{path} has several structures; choose one of {', '.join(model)} by `structure` in [risk] or by "

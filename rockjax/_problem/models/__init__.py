@@ -1,8 +1,8 @@
 """Models of problem files: type, range and description of each key.
 
-Keys for parameters are generated from `_parameters/registry.py`. Error messages, the JSON schema, the page on
-problem files and the options of the command line are generated from these models. This module does not import
-JAX.
+A model is a pydantic class with a field for each key of a table. The keys of parameters, such as `gamma`, are
+generated from `_parameters/registry.py`. Error messages, the JSON schema, the page on problem files and the
+options of the command line are generated from the models. This package does not import JAX.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class Problem(Keys):
     report: ReportKeys = Field(default_factory=ReportKeys)
     sources: dict[str, Text] = key({}, "Where inputs come from: key of this file → source, for the report.")
     checks: Any = key(None, "Checks of the report.")
-    # Keys of `rockjax design`, whose full models are in `optimise`.
+    # Keys of `rockjax design`. The package `optimise` has models that check their contents.
     starts: Count | None = key(None, "Number of starting points; by default 1.", ACCURACY)
     seed: Index | None = key(None, "Seed of the starting points; by default 0.", ACCURACY)
     tolerance: Positive | None = key(None, "Tolerance of the optimality conditions [–].")

@@ -1,5 +1,5 @@
-"""Tools for the models of problem files: functions that define keys, types of their values, and the base
-class of all tables."""
+"""Tools for the models of problem files: functions that define keys, types of values, and the base class of
+all tables."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ class Flag(NamedTuple):
     - `panel`: heading above the option in the help
     - `name`: name of the option; "" if the option has the name of the key
 
-    A `Flag` is stored as `json_schema_extra` of a field. Pydantic calls it with the JSON schema of the field,
-    which the call leaves unchanged.
+    A `Flag` is stored as `json_schema_extra` of a pydantic field. Pydantic calls such an object with the JSON
+    schema of the field, so that it can change the schema. A `Flag` does not change it.
     """
 
     panel: str
@@ -47,14 +47,16 @@ class Flag(NamedTuple):
 def key(default: Any, meaning: str, panel: str = "", name: str = "") -> Any:
     """Return the pydantic field of a key. If `panel` is given, the key is also an option of the command line.
 
-    - `default`: default value, `...` for a required key; `meaning`: description of the key, with the unit
-    - `panel`: heading of the option in the help; `name`: name of the option if it differs from the key
+    - `default`: default value; `...` for a required key
+    - `meaning`: description of the key, with the unit
+    - `panel`: heading of the option in the help
+    - `name`: name of the option, if it differs from the key
     """
     return Field(default, description=meaning, json_schema_extra=Flag(panel, name) if panel else None)
 
 
 def described_as(accepted: str) -> WrapValidator:
-    """Return a validator whose errors read "must be {accepted}"."""
+    """Return a validator that replaces every error by "must be {accepted}"."""
 
     def check(value: Any, handler: Any) -> Any:
         try:
@@ -102,7 +104,8 @@ Amplitudes = Annotated[
 Levels = Annotated[
     Ends, satisfying(lambda y: 0 < y[0] <= y[1]), described_as(f"{_ENDS} 0 < lowest <= highest")
 ]
-# Texts that mean "no value". Tables of reports must not show them, so names and texts must differ from them.
+# Texts that look like a missing value in a table of a report. Names and texts of problem files must not
+# match.
 NO_VALUE = re.compile(r"[\s\-–—−.…]*|None|[-+−]?\s*(?i:nan|inf|infinity|∞|null|nat)")
 _TEXT = "a text other than a blank, a dash, nan, inf or None"
 Name = Annotated[str, satisfying(lambda y: not NO_VALUE.fullmatch(y)), described_as(_TEXT)]
@@ -114,7 +117,7 @@ else:
 
 
 class Keys(BaseModel):
-    """Base class of the tables of a problem file; unknown keys are errors."""
+    """Base class of the tables of a problem file. Unknown keys are errors."""
 
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True, defer_build=True)
 
@@ -130,15 +133,15 @@ class Keys(BaseModel):
         return given
 
     def as_arguments(self, *without: str) -> dict[str, Any]:
-        """Return key → value for the keys that the table sets to a value other than None, except those in
-        `without`."""
+        """Return key ↦ value for all keys that the table sets, except keys with the value None and the keys
+        in `without`."""
         names = [name for name in type(self).model_fields if name in self.model_fields_set - set(without)]
         return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
 
 
 def require_one(given: Mapping[str, Any], *names: str) -> str:
-    """Return the one key among `names` whose value in `given` is not None. Raises `ValueError` unless there
-    is exactly one."""
+    """Return the key among `names` whose value in `given` is not None. Raises `ValueError` unless there is
+    exactly one such key."""
     found = [name for name in names if given.get(name) is not None]
     if len(found) != 1:
         raise ValueError(f"needs {' or '.join(names)}" + (", not both" if found else ""))

@@ -11,7 +11,7 @@ from .studies import OneMotion
 
 
 class Span(Keys):
-    """Values of an axis from one end to the other. Neighbouring values have equal distances or equal
+    """Values of an axis, from one end to the other. Neighbouring values have equal distances or equal
     ratios."""
 
     low: Number = Field(alias="from", description="First value.")
@@ -33,7 +33,7 @@ Axis = Annotated[
 
 
 class Sweep(OneMotion):
-    """Table of `rockjax sweep`. The key `number` selects one motion of a set; without it, the motions of the
+    """Table of `rockjax sweep`. The key `number` selects one motion of a set. Without it, the motions of the
     set form an axis of the grid."""
 
     outputs: list[str] = key(
@@ -46,7 +46,7 @@ class Sweep(OneMotion):
 
 
 class Normal(Keys):
-    """A normal distribution, truncated at the ends `low` and `high` if they are given."""
+    """A normal distribution. If `low` or `high` is given, the distribution is truncated there."""
 
     kind: Literal["normal"] = key(..., "Kind of the distribution.")
     mean: Number = key(..., "Mean before truncation.")
@@ -106,8 +106,8 @@ Spread = Annotated[
 
 
 class Ensemble(OneMotion):
-    """Table of `rockjax ensemble`. The key `number` selects one motion of a set; without it, every scene
-    draws one of the motions of the set."""
+    """Table of `rockjax ensemble`. The key `number` selects one motion of a set. Without it, every scene
+    (a random structure under one motion) draws one of the motions of the set."""
 
     n: Count = key(1000, "Number of scenes.", GRID)
     seed: Index = key(0, "Seed of the random numbers; equal seeds give equal draws.", GRID)

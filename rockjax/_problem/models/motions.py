@@ -28,8 +28,8 @@ from .fields import (
 
 
 class Pulses(Keys):
-    """One or more pulses. Lists of amplitudes and periods must have equal lengths; a single amplitude or
-    period applies to all pulses."""
+    """One or more pulses. A list of amplitudes and a list of periods must have equal lengths. A single
+    amplitude or period applies to all pulses."""
 
     kind: PulseName = key("ricker", "Kind of the pulse.", MOTION, "--pulse")
     acceleration_ratio: OneOrMore | None = key(None, "Amplitude of the pulse a_p/(g tan α) [–].", MOTION)
@@ -54,7 +54,7 @@ class Pulses(Keys):
 
 
 class _Recorded(Keys):
-    """Keys for reading files of records."""
+    """Keys of all entries that read records from files."""
 
     units: RecordUnit | None = key(None, "Unit of the samples, if the file does not state it.", MOTION)
     dt: Positive | None = key(None, "Sampling interval [s], if the file does not state it.", MOTION)
@@ -115,13 +115,13 @@ class Measures(Keys):
     damping: NotNegative = key(0.05, "Damping ratio of Sa(T) [–].", GRID)
 
 
-# Keys that determine the kind of an entry; an entry has exactly one of them.
+# Keys that determine the model of an entry of a set of motions. An entry must have exactly one of them.
 SOURCES = ("kind", "file", "suite", "synthetic")
 
 
 def _source_tag(given: Any) -> str | None:
-    """Return the tag of the model that reads an entry; None unless the entry has exactly one of the keys
-    `SOURCES`."""
+    """Return the tag of the model for an entry of a set of motions. Unless the entry has exactly one of the
+    keys `SOURCES`, return None."""
     found = [name for name in SOURCES if isinstance(given, dict) and name in given]
     return found[0].title() if len(found) == 1 else None
 

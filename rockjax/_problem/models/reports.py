@@ -1,4 +1,5 @@
-"""Models of the tables of a problem file for the design report, and of random motions in its checks."""
+"""Models of the tables of a problem file for the design report, and of random motions in checks of the
+report."""
 
 from __future__ import annotations
 
@@ -18,7 +19,7 @@ class EnvelopeKeys(Keys):
 
 
 class GaussianKeys(Keys):
-    """A random motion, with the parameters of `rockjax.GaussianMotion`."""
+    """A random motion. The keys are the parameters of `rockjax.GaussianMotion`."""
 
     n: Points = key(..., "Number of samples.")
     dt: Positive = key(..., "Sampling interval [s].")
@@ -31,7 +32,7 @@ class GaussianKeys(Keys):
 
 
 class Project(Keys):
-    """Texts in the report of `rockjax report`. They change no number."""
+    """Texts in the report of `rockjax report`. They do not influence any result."""
 
     title: Text | None = key(None, "Title of the report; by default the name of the file.")
     subject: Text | None = key(None, "Subject of the report.")

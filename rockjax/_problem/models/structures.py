@@ -1,4 +1,7 @@
-"""Models of the tables of a problem file for structures, and for blocks and oscillators on their floors."""
+"""Models of the tables of a problem file for structures, and for blocks and oscillators on their floors.
+
+The keys and ranges of parameters are taken from the entries of `_parameters/registry.py`.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +34,7 @@ from .fields import (
 
 
 def type_of(entry: registry.Parameter) -> Any:
-    """Return the type of the key for a parameter, including the range of valid values."""
+    """Return the type of the key for a parameter. The type includes the range of valid values."""
     if entry.is_integer:
         return Count
     closed, (low, high) = entry.range.closed, entry.range[:2]
@@ -45,7 +48,7 @@ def type_of(entry: registry.Parameter) -> Any:
 
 
 _LAW = "'paper', 'compatible' or a factor in [0, 1]"
-# Texts that follow the heading of the parameter in the descriptions of keys.
+# Texts that follow the heading of a parameter in the description of its key.
 _NOTES = {
     "alpha": ", instead of tan_alpha",
     "restitution": ": paper, Eq. (27); compatible, with Eq. (26); or a number",
@@ -54,12 +57,14 @@ _NOTES = {
 
 
 def make_field(name: str, entry: registry.Parameter, needed: bool = False) -> Any:
-    """Return the type and the field of the key for a parameter.
+    """Return the type and the pydantic field of the key for a parameter.
 
-    - `name`, `entry`: name of the parameter, and its entry in the registry
+    - `name`: name of the parameter
+    - `entry`: its entry in the registry
     - `needed`: whether the key is required
     """
-    # `damping` has no option of its own: --zeta sets `zeta` or `damping`.
+    # `damping` has no option of its own. The option --zeta sets `zeta` in a structure by ratios, and
+    # `damping` in a structure by dimensions.
     panel = "" if name == "damping" or entry.attribute_path.count(".") > 1 else STRUCTURE
     note = _NOTES.get(name) or (f"; {entry.note}" if entry.note else "")
     key_type, meaning = type_of(entry), f"{entry.heading}{note}."
@@ -67,14 +72,14 @@ def make_field(name: str, entry: registry.Parameter, needed: bool = False) -> An
 
 
 def make_model(entries: Mapping[str, registry.Parameter], *needed: str) -> Any:
-    """Return a model with a key for each parameter in `entries`; the keys in `needed` are required."""
+    """Return a model with a key for each parameter in `entries`. The keys in `needed` are required."""
     fields: Any = {name: make_field(name, entry, name in needed) for name, entry in entries.items()}
     return create_model("Parameters", __base__=Keys, **fields)
 
 
 def _stored_in(*parts: str) -> dict[str, registry.Parameter]:
-    """Return the structural parameters whose attribute path begins with one of `parts`, except width and
-    height."""
+    """Return the structural parameters with an attribute path, such as `superstructure.T_s`, that begins with
+    one of `parts`. Width and height are left out."""
     entries = {
         name: entry for name, entry in registry.STRUCTURE.items() if name not in registry.WIDTH_AND_HEIGHT
     }
@@ -82,8 +87,8 @@ def _stored_in(*parts: str) -> dict[str, registry.Parameter]:
 
 
 class Superstructure(make_model(_stored_in("superstructure") | registry.BUILDING, "eta")):
-    """A superstructure with the mass ratio eta. Without the period T_s it is rigid. T_s and `stories` define
-    a building with equal stories."""
+    """A superstructure with the mass ratio eta. Without the period T_s, it is rigid. With T_s and `stories`,
+    it is a building with equal stories."""
 
     @model_validator(mode="after")
     def _check(self) -> Superstructure:
@@ -120,7 +125,7 @@ _RESIDUAL = "Height of the residual mass of modes above the beam [m]."
 
 
 class Elevation(Keys):
-    """Positions of the columns and heights of the masses, as `rockjax.Elevation`."""
+    """Positions of the columns and heights of the masses, as in `rockjax.Elevation`."""
 
     columns: Numbers = key(..., _COLUMNS)
     beam_depth: NotNegative | None = key(None, "Depth of the beam [m].")
@@ -130,7 +135,8 @@ class Elevation(Keys):
 
 def _superstructure_tag(given: Any) -> str:
     """Return the tag of the model that reads the table of a superstructure."""
-    tags = {"masses": "Building", "T": "Modes"}  # no tag equals a key, so that messages omit tags
+    # Tags must differ from all keys. Error messages list the steps of a path that are keys, and omit tags.
+    tags = {"masses": "Building", "T": "Modes"}
     return next((tags[name] for name in tags if isinstance(given, dict) and name in given), "one")
 
 
@@ -157,7 +163,7 @@ class ByRatios(
 
 
 class ByDimensions(make_model(registry.DIMENSIONS | registry.BUILDING, "width", "height", "column_mass")):
-    """A structure that is defined by dimensions, as for `rockjax.Podium.from_dimensions`."""
+    """A structure that is defined by dimensions, as in `rockjax.Podium.from_dimensions`."""
 
     story_masses: Positives | None = key(None, "Masses of the floors of a building from the bottom [kg].")
     story_stiffnesses: Positives | None = key(None, "Stiffnesses of the stories [N/m].")
@@ -189,7 +195,7 @@ _NAME = "Name in tables and reports; by default the name of the table and a numb
 
 
 class Contents(Keys):
-    """A light block on a floor, defined by alpha and R or by width and height, as `rockjax.Contents`."""
+    """A light block on a floor, as `rockjax.Contents`. Either alpha and R, or width and height, define it."""
 
     name: Text | None = key(None, _NAME)
     alpha: Annotated[float, Field(gt=0, lt=math.pi / 2)] | None = key(None, "Slenderness α_c [rad].")

@@ -1,4 +1,4 @@
-"""Models of the table of options, and of the tables of the commands for responses, spectra, fragility and
+"""Models of the table `[options]`, and of the tables of the commands for responses, spectra, fragility and
 risk."""
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from .fields import (
 
 
 class Options(Keys):
-    """Settings of the solver, with the meaning of `rockjax.Options`."""
+    """Settings of the solver, as in `rockjax.Options`."""
 
     rtol: Positive | None = key(None, "Relative tolerance of the step-size control [–].", ACCURACY)
     atol: Positive | None = key(None, "Absolute tolerance [–]; by default 0.01 rtol.")
@@ -85,7 +85,7 @@ class Peaks(OneMotion):
 
 
 class Floors(OneMotion):
-    """Table of `rockjax floors`. Without `number`, all motions of a set are used, as a suite."""
+    """Table of `rockjax floors`. Without `number`, all motions of a set are used."""
 
     levels: list[Label] | None = key(
         None, "Levels: deck, or numbers of stories; by default the deck and all stories.", GRID
@@ -101,7 +101,8 @@ class Floors(OneMotion):
 
 
 class _Panels(Keys):
-    """Keys of commands that draw a panel for each superstructure, under one kind of pulse."""
+    """Keys of the commands that draw a panel for each superstructure. All panels have the same kind of
+    pulse."""
 
     pulse: PulseName = key("ricker", "Kind of the pulse.", MOTION)
     vertical_ratio: Number | None = key(
