@@ -1,1 +1,2 @@
-"""Parameters of structures and ground motions, and variants of a structure or motion by parameter names."""
+"""Parameters of structures and ground motions by name: their tables, their sensitivities, and variants of
+structures with other values of parameters."""

@@ -250,7 +250,8 @@ def attribute_name(parameter: Parameter) -> str:
 
 
 def motion_parameter(name: str) -> Parameter:
-    """Return the parameter of a ground motion; for unknown names, a parameter that has only a name."""
+    """Return the parameter of a ground motion. For an unknown name, return a parameter with this name and
+    symbol, without unit and meaning."""
     return MOTION.get(name, Parameter(name, name, "", ANY, ""))
 
 

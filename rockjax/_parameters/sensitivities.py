@@ -55,7 +55,7 @@ def check_parameters(owner: str, podium: Podium, names: Sequence[str], more: Seq
 def with_factors(
     podium: Podium, names: Sequence[str], factors: Float[Array, " n"] | Sequence[Array]
 ) -> Podium:
-    """Return the podium with named parameters multiplied by factors."""
+    """Return the podium with the named parameters multiplied by factors, one for each name."""
     return variants.with_values(
         podium,
         {name: factor * variants.read(podium, name) for name, factor in zip(names, factors, strict=True)},

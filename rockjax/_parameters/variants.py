@@ -1,5 +1,5 @@
-"""Read and set parameters of structures by name, and convert ratios of pulses to dimensions. Eq. (25) is in
-docs/model.md."""
+"""Read and set parameters of structures by name, and convert dimensionless amplitudes and frequencies of
+pulses to SI units. Eq. (25) is in docs/model.md."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ from .registry import (
 
 
 def find_parameter(name: str) -> Parameter | None:
-    """Return the parameter of a structure with a name, or with an attribute path in `STRUCTURE`; None if
-    there is no such parameter."""
+    """Return the parameter of a structure that has this name, or that has this attribute path in `STRUCTURE`;
+    None if there is no such parameter."""
     for table in (STRUCTURE, MULTI_MODE_SCALARS):
         if name in table:
             return table[name]
@@ -60,9 +60,10 @@ def parameters_of(podium: Podium) -> dict[str, Parameter]:
 
 
 def _row(podium: Podium, entry: Parameter) -> tuple[Any, ...]:
-    """Return the values of a parameter for each mode, story or column.
+    """Return the values of a parameter that has a value for each mode, story or column.
 
-    The result is empty if the podium has one value for all of them, or no such parameter.
+    The result is empty if one value holds for all modes, stories or columns, or if the podium has no such
+    parameter.
     """
     path, _, field = entry.attribute_path.partition(".")
     holder = getattr(podium, path)
@@ -88,7 +89,8 @@ _TOP_HEIGHT_PATH = STRUCTURE["top_height"].attribute_path
 
 
 def has_parameter(podium: Podium, parameter: Parameter) -> bool:
-    """Return whether this podium has a parameter. Every podium has the derived parameters."""
+    """Return whether this podium has a parameter. Every podium has the derived parameters, such as
+    `tan_alpha`."""
     if parameter.attribute_path == _TOP_HEIGHT_PATH:
         return podium.elevation is not None and not _has_several_heights(podium)
     try:
@@ -212,9 +214,9 @@ def _for_all_modes(podium: Podium, path: str, value: Any) -> Any:
     - `path`: attribute path of the parameter
     - `value`: a number, or an array of values for a batch of podiums
 
-    If the parameter has a value for each mode, but `value` has one value for all modes of each podium, this
-    value is repeated along a last axis of modes. Without this axis, the axis of the batch would be taken for
-    the axis of modes.
+    If the podium stores a value for each mode, but `value` has one value for each podium of a batch, each
+    value is repeated for all modes along a new last axis. Without the new axis, the axis of the batch would
+    be taken for the axis of modes.
     """
     superstructure, field = podium.superstructure, path.removeprefix("superstructure.")
     if field == path or superstructure is None or field not in superstructure.rows:

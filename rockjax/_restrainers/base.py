@@ -30,8 +30,8 @@ class AbstractRestrainer(Module):
     """A device on each column.
 
     A subclass overrides the private methods of its effects, such as `_force`. In private methods, stretch and
-    stretch rate are those of the device. In public methods they are those of both joints together, even if
-    the device spans only one.
+    stretch rate are those of the device. In public methods, stretch and stretch rate are those of both joints
+    together, even if the device spans only one joint.
     """
 
     # Names of the fields that are strengths. If all of them are zero, the device does nothing.
@@ -56,7 +56,7 @@ class AbstractRestrainer(Module):
         """Return the force in the device divided by m_c g, positive in tension.
 
         - `stretch`, `rate`: dimensionless stretch and stretch rate
-        - `slip`: rate below which a force with an infinite slope at zero rate is smoothed
+        - `slip`: dimensionless rate below which a force with an infinite slope at zero rate is smoothed
         """
         del stretch, rate, slip
         return 0.0
@@ -99,8 +99,8 @@ class AbstractRestrainer(Module):
         return 0.5 if self.joints == 1 else 1.0
 
     def force(self, stretch: Value, rate: Value, slip: Value) -> Value | float:
-        """Return the force of the equivalent device that spans both joints and does the same work, divided by
-        m_c g; `stretch`, `rate` and `slip` refer to both joints."""
+        """Return the force of the equivalent device, divided by m_c g. The equivalent device spans both
+        joints and does the same work; `stretch`, `rate` and `slip` refer to both joints."""
         return self.elongation_ratio * self._force(
             self.elongation_ratio * stretch, self.elongation_ratio * rate, self.elongation_ratio * slip
         )

@@ -107,6 +107,6 @@ def _find_stability_angle(
     # One more Newton step gives the derivative, by the implicit function theorem.
     value, slope = jax.jvp(moment, (root,), (jnp.ones_like(root),))
     root = root - value / jnp.where(slope < 0, slope, -1.0)
-    # A moment at π/2 that is zero but for rounding counts as a root.
+    # A moment at π/2 that is zero up to rounding counts as a root.
     has_root = moment(right_angle) <= 8 * np.finfo(np.asarray(0.0).dtype).eps * weight
     return jnp.where(has_root, jnp.minimum(root, right_angle), jnp.inf)

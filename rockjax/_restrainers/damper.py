@@ -15,7 +15,7 @@ from .base import AbstractRestrainer
 
 
 class Linear(float):
-    """The exponent 1 as a static value (known before tracing): programs of linear dampers compute no
+    """The exponent 1 as a static value, known before tracing, so that programs of linear dampers compute no
     powers."""
 
     def __new__(cls) -> Linear:
@@ -38,7 +38,8 @@ def as_exponent(value, label: str = "Damper: exponent") -> Any:
 class Damper(AbstractRestrainer):
     """A viscous damper of every column, with the force C|ℓ̇|^ν against the rate ℓ̇ of the elongation ℓ.
 
-    - `coefficient`: δ = C (Rp)^ν/(m_c g), ≥ 0 [–]
+    - `coefficient`: δ = C (Rp)^ν/(m_c g), ≥ 0 [–], with the half diagonal R and the weight m_c g of a column
+      and the frequency parameter p
     - `exponent`: ν, 0 < ν ≤ 1 [–]. The Python number 1 gives a linear damper, which compiles to a simpler
       program; an array with the value 1 gives the general program
     - `joints`: number of joints that the damper spans: 2 (from ground to beam) or 1 (only the bottom joint)
@@ -69,7 +70,8 @@ class Damper(AbstractRestrainer):
         return not self.linear
 
     def _force_per_rate(self, rate: Value, slip: Value) -> Value | float:
-        """Return |r|^(ν−1) for the rate r: the force divided by coefficient and rate, smoothed near r = 0."""
+        """Return |r|^(ν−1) for the dimensionless rate r, smoothed near r = 0: the force divided by
+        coefficient and rate."""
         if self.linear:
             return 1.0
         return jnp.exp(0.5 * (self.exponent - 1) * jnp.log(rate * rate + slip * slip))

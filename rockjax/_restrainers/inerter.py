@@ -13,12 +13,13 @@ from .base import AbstractRestrainer
 class Inerter(AbstractRestrainer):
     """An inerter of every column, with the force b ℓ̈ against the acceleration ℓ̈ of the elongation ℓ.
 
-    - `inertance`: μ = b/m_c, ≥ 0 [–]
+    - `inertance`: μ = b/m_c, ≥ 0 [–], with the mass m_c of a column
     - `joints`: number of joints that the inerter spans: 2 (from ground to beam) or 1 (only the bottom joint)
 
-    An inerter acts in both directions, without play or clutch. It transmits an impulse at impacts. This
-    impulse lowers the velocity factor ([`rockjax.Podium.restitution_factor`][]) of the laws `"paper"` and
-    `"compatible"`. Raises `ValueError` for values outside this range; traced values are not checked.
+    An inerter acts in both directions, without play or clutch. At impacts an inerter transmits an impulse,
+    which lowers the velocity factor of the laws `"paper"` and `"compatible"`
+    ([`rockjax.Podium.restitution_factor`][]). Raises `ValueError` for values outside this range; traced
+    values are not checked.
     """
 
     inertance: Number = eqx.field(converter=as_number("Inerter: inertance"))

@@ -11,12 +11,13 @@ from .base import AbstractRestrainer
 
 
 class Tendon(AbstractRestrainer):
-    """An unbonded elastic tendon along the centre line of every column, with the force P₀ + K ℓ.
+    """An unbonded elastic tendon along the centre line of every column, with the force P₀ + K ℓ at the
+    elongation ℓ. R is the half diagonal and m_c g the weight of a column.
 
-    - `prestress`: initial force τ = P₀/(m_c g), ≥ 0 [–]. At uplift it acts like an additional weight,
-      without mass, on each column
-    - `stiffness`: axial stiffness κ = K R/(m_c g), ≥ 0 [–]. Above [`rockjax.Podium.critical_stiffness`][]
-      the rocking stiffness is positive
+    - `prestress`: initial force τ = P₀/(m_c g), ≥ 0 [–]. At uplift the initial force acts like an additional
+      weight without mass on each column
+    - `stiffness`: axial stiffness κ = K R/(m_c g), ≥ 0 [–]. If κ exceeds
+      [`rockjax.Podium.critical_stiffness`][], the stiffness of the podium at small rotations is positive
     - `joints`: number of joints that the tendon spans: 2 (from ground to beam) or 1 (only the bottom joint)
 
     The tendon never becomes slack and does not yield. Raises `ValueError` for values outside these

@@ -11,7 +11,7 @@ from .podium import Podium
 from .restitution import GivenRestitution
 from .superstructures import AbstractSuperstructure, Elastic, Rigid
 
-# Name ↦ superstructure. Add new superstructures here.
+# Classes of superstructures by name. Add new superstructures here.
 SUPERSTRUCTURES: dict[str, type[AbstractSuperstructure]] = {
     superstructure.__name__: superstructure for superstructure in (Elastic, Rigid, Modes, ShearBuilding)
 }

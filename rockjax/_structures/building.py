@@ -1,6 +1,7 @@
 """A building of several stories with rigid floors, as a superstructure.
 
-Equations with a C are in docs/modes.md.
+Masses and stiffnesses are divided by N m_c, the mass of all N columns; these are the mass ratios and
+stiffness ratios. Equations with a C are in docs/modes.md.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ from .superstructures import AbstractSuperstructure, Elastic, Oscillators, Rigid
 
 
 class ModalAnalysis(NamedTuple):
-    """All modes of a building, retained or not, the lowest first along the last axis."""
+    """All modes of a building, including those that the model does not retain, the lowest first along the
+    last axis."""
 
     omega: Array  # ω_i [rad/s]
     eta: Array  # mass ratios η_i = Γ_i² M_i, with participation factors Γ_i and modal masses M_i
@@ -35,12 +37,14 @@ class ModalAnalysis(NamedTuple):
 
 
 def modal_analysis(masses: Array, stiffnesses: Array) -> ModalAnalysis:
-    """Return the modes of a chain of floors on a fixed beam, K φ_i = ω_i² M φ_i, (C11).
+    """Return the modes of a building on a fixed beam, K φ_i = ω_i² M φ_i, with its stiffness matrix K and its
+    mass matrix M, (C11).
 
-    - `masses`, `stiffnesses`: mass ratios of the floors [–] and stiffness ratios of the stories below them
-      [1/s²], from the bottom along the last axis
+    - `masses`: mass ratios of the floors [–], from the bottom along the last axis
+    - `stiffnesses`: stiffness ratios of the stories below the floors [1/s²], from the bottom along the last
+      axis
 
-    The periods of a chain are distinct, so the modes are differentiable.
+    No two periods of a shear building are equal, so the modes are differentiable.
     """
     xp: Any = array_module(masses, stiffnesses)
     masses, stiffnesses = xp.broadcast_arrays(masses, stiffnesses)
@@ -65,16 +69,17 @@ class ShearBuilding(AbstractSuperstructure):
     - `masses`: mass ratios m_j/(N m_c) of the floors, > 0 [–], from the bottom along the last axis
     - `stiffnesses`: stiffness ratios k_j/(N m_c) of the stories below the floors, > 0 [1/s²]
     - `damping`: damping ratios of the modes, ≥ 0 [–]; one value for all modes, or one for each retained mode
-    - `modes`: number of lowest modes to retain, 0 … n, by default n. The mass of the other modes moves with
-      the beam, and `peak_shear` and `peak_floor_acceleration` omit the impulses of this mass at impacts
+    - `modes`: number of modes to retain, the lowest first, 0 … n, by default n. The mass of the other modes
+      moves with the beam; `peak_shear` and `peak_floor_acceleration` omit the impulses that act on this mass
+      at impacts
     - `heights`: heights of the stories, > 0 [m], for forces in the joints, drift ratios and pictures; None if
       unknown
     - `retained`: second name of the argument `modes`, for `dataclasses.replace`, which uses the names of the
       fields; ignored if `modes` is given
 
-    The property [`rockjax.ShearBuilding.modes`][] holds the retained modes. Peaks include story drifts and
-    floor accelerations, and so do histories if a mode is retained. Raises `ValueError` for unequal lengths
-    and for values outside these ranges; traced values are not checked.
+    The property [`rockjax.ShearBuilding.modes`][] holds the retained modes. A [`rockjax.Peak`][] includes
+    story drifts and floor accelerations; a history includes them if at least one mode is retained. Raises
+    `ValueError` for unequal lengths and for values outside these ranges; traced values are not checked.
     """
 
     rows: ClassVar[tuple[str, ...]] = ("masses", "stiffnesses", "damping", "heights")
@@ -152,7 +157,7 @@ class ShearBuilding(AbstractSuperstructure):
 
     @property
     def modes(self) -> Modes:
-        """The retained modes, with the mass ratio of the other modes as the residual. Raises `ValueError` if
+        """The retained modes. Their `residual` is the mass ratio of the other modes. Raises `ValueError` if
         no mode is retained."""
         analysis, retained = self._analysis(), self.retained
         residual = analysis.eta[..., retained:].sum(axis=-1) if retained < self.stories else 0.0

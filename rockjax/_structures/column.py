@@ -1,4 +1,4 @@
-"""The column: its dimensions, checks of their units, and round ends.
+"""Columns: dimensions, checks of their units, and round ends.
 
 (R5) is in docs/forces.md.
 """

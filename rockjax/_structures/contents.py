@@ -45,13 +45,14 @@ class Contents(Module):
 
     - `alpha`: slenderness α_c = atan(width/height), 0 < α_c < π/2 [rad]
     - `R`: half diagonal R_c, > 0 [m]
-    - `lam`: inertia factor λ_c = I/(m R_c²), ≥ 0 [–]; 1/3 for a uniform block
-    - `restitution`: a velocity factor in [0, 1], or `"paper"` for e_c = 1 − 2 sin²α_c/(1+λ_c), which for a
-      block is the same as `"compatible"`
+    - `lam`: inertia factor λ_c = I/(m R_c²), with the mass m and the moment of inertia I about the centre,
+      ≥ 0 [–]; 1/3 for a uniform block
+    - `restitution`: velocity factor e_c, the angular speed after an impact divided by that before it, from 0
+      to 1 [–]. `"paper"` gives e_c = 1 − 2 sin²α_c/(1+λ_c); for a block, `"compatible"` is the same
     - `level`: the floor, `"deck"` for the cap beam or the number of a story from the bottom
     - `vertical`: whether the floor's vertical motion acts on the block; practice usually neglects this motion
-    - `overturn_ratio`: rotation |φ| of the block divided by α_c at which the block counts as overturned, in
-      (0, π/(2α_c)] [–]
+    - `overturn_ratio`: the block counts as overturned if its rotation |φ| reaches this multiple of α_c; > 0
+      and at most π/(2α_c) [–]
 
     Raises `ValueError` for values outside these ranges; traced values are not checked.
     """
@@ -104,7 +105,7 @@ class Oscillator(Module):
     """A light linear oscillator on a floor: a pipe, a ceiling, a rack.
 
     - `period`: natural period T_e, > 0 [s]
-    - `damping`: damping ratio ζ in [0, 1) [–]
+    - `damping`: damping ratio ζ, 0 ≤ ζ < 1 [–]
     - `level`: the floor, `"deck"` for the cap beam or the number of a story from the bottom
     - `direction`: `"horizontal"` or `"vertical"`
 

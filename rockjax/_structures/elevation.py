@@ -32,13 +32,14 @@ SAME_LINE = 1e-9  # largest distance of columns in one line, divided by the tota
 class Elevation(Module):
     """Positions of the columns of a podium, and heights of the masses on them.
 
-    - `columns`: positions x_i of the N ≥ 2 columns along the direction of motion [m], along the last axis.
-      Columns in one line across the plane of motion have equal positions. The centres of all masses are
+    - `columns`: positions x_i of the N ≥ 2 columns in the direction of motion [m]; the last axis has length
+      N. Columns in one line across the plane of motion have equal positions. The centres of all masses are
       assumed to be above the mean position of the columns
-    - `beam_depth`: depth D of the beam, ≥ 0 [m]; its mass is at D/2
-    - `top_height`: height above the top of the beam [m]. [`rockjax.Elastic`][] and [`rockjax.Rigid`][] need
-      the height of their mass, [`rockjax.Modes`][] one height for each mode (negative for some higher modes),
-      a [`rockjax.ShearBuilding`][] one for each floor, ascending, or 0 if the building has its own `heights`
+    - `beam_depth`: depth D of the beam, ≥ 0 [m]; the mass of the beam is at D/2
+    - `top_height`: height of the superstructure above the top of the beam [m]. For [`rockjax.Elastic`][] and
+      [`rockjax.Rigid`][], give the height of their mass. For [`rockjax.Modes`][], give one height for each
+      mode; heights of higher modes may be negative. For [`rockjax.ShearBuilding`][], give one height for each
+      floor, ascending, or 0 if the building has its own `heights`
     - `residual_height`: height of the residual mass of [`rockjax.Modes`][] above the top of the beam [m]
 
     An elevation affects only forces in the joints, not the motion. Raises `ValueError` for values outside
@@ -97,8 +98,8 @@ class Elevation(Module):
 
     @property
     def core_distance(self) -> Number:
-        """Core distance ℓ_p = Σx_i²/(N max|x_i|) of the columns [m]: a resultant within ±ℓ_p of their mean
-        position compresses all of them."""
+        """Core distance ℓ_p = Σx_i²/(N max|x_i|) of the columns [m]. All columns are in compression if the
+        resultant of their axial forces is within ±ℓ_p of their mean position."""
         return _core_distance(self.offsets)
 
     def check(self, superstructure: AbstractSuperstructure | None, width: Number) -> None:
@@ -168,10 +169,11 @@ class Elevation(Module):
 class Arms(Module):
     """An elevation in the form that the engine uses.
 
-    - `offsets`: positions of the columns from their mean (N,) [m]
-    - `beam`: γ_b h_b + η_r h_r [m], the mass ratio of the beam times its height above the columns, plus that
-      of the other masses that move with the beam times theirs
-    - `modes`: mass ratio times height, η_i h_i, of each mode [m]; None if nothing vibrates
+    - `offsets`: positions of the columns from their mean, shape (N,) [m]
+    - `beam`: γ_b h_b + η_r h_r [m], the mass ratio times the height above the columns, summed over the beam
+      and the other masses that move with the beam
+    - `modes`: η_i h_i [m], the mass ratio times the height above the columns, for each mode; None if nothing
+      vibrates
     """
 
     offsets: Array

@@ -1,7 +1,8 @@
-"""Impulses in the joints at an impact, divided by the mass of a column and the impact speed.
+"""Impulses in the joints at an impact, divided by the mass m_c of a column and by the impact speed.
 
-Equations with an F are in docs/forces.md and docs/equations.md. The impulses of the mean column are the means
-of the impulses of all columns.
+J_T is the horizontal and J_N the vertical (axial) impulse. The impact speed is |θ̇| before the impact [rad/s].
+The impulses of the mean column are the means of the impulses of all N columns. Equations with an F are in
+docs/forces.md and docs/equations.md.
 """
 
 from __future__ import annotations
@@ -12,11 +13,11 @@ from rockjax._types import Number
 
 
 class Impulses(NamedTuple):
-    """Impulses of the mean column for θ > 0 (σ = +1) before the impact, divided by m_c and by the speed |θ̇|
-    before the impact, (F12) [m].
+    """Impulses of the mean column if θ > 0 (σ = +1) before the impact, divided by m_c and the impact speed,
+    (F12) [m].
 
     - `horizontal`, `axial`: J_T and J_N at the bottom and the top joint
-    - `sway`, `rise`: changes Δu̇_b and Δv̇_b of the velocity of the beam, divided by |θ̇|
+    - `sway`, `rise`: changes Δu̇_b and Δv̇_b of the velocity of the beam, divided by the impact speed
     """
 
     horizontal: tuple[Number, Number]
@@ -38,7 +39,7 @@ def impulses(
 
     - `two_R`: 2R [m]; `sin_alpha`, `cos_alpha`: sine and cosine of the slenderness α
     - `gamma`, `eta`: mass that moves with the beam, and vibrating mass, divided by N m_c [–]
-    - `inertances`: μ_b and μ_t of the inerters that act on the bottom and the top joint [–]
+    - `inertances`: inertances μ_b and μ_t that act on the bottom and the top joint, divided by m_c [–]
     - `e`: velocity factor of the impact, ≥ 0 [–]
     """
     mu_bottom, mu_top = inertances
@@ -51,11 +52,12 @@ def impulses(
 def impulse_eccentricity(
     sin2: Number, gamma: Number, eta: Number, lam: Number, mu: Number, e: Number
 ) -> Number:
-    """Return ξ_J, the position of the resultant of the impulses divided by half the width of a column, (F13).
+    """Return ξ_J, the distance of the resultant of the impulses from the centre line of a column, divided by
+    half the width of the column, (F13) [–].
 
     - `sin2`: sin²α
     - `gamma`, `eta`: mass that moves with the beam, and vibrating mass, divided by N m_c [–]
-    - `lam`, `mu`: inertia factor λ of a column, and μ of all inerters [–]
+    - `lam`, `mu`: inertia factor λ of a column, and sum μ of its inertances divided by m_c [–]
     - `e`: velocity factor of the impact, ≥ 0 [–]
     """
     numerator = (1 - e) * (lam + (1 + 4 * gamma) * (1 - sin2))

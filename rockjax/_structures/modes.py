@@ -16,7 +16,7 @@ from rockjax._types import Array, Number
 
 from .superstructures import AbstractSuperstructure, Elastic, Oscillators
 
-ROUNDING = 1e-9  # relative excess of the sum of modal masses over the total mass that counts as rounding
+ROUNDING = 1e-9  # if the modal masses exceed the total mass by less than this fraction, this is rounding
 
 # In structures that `split_rows` returns, a row is a tuple of its elements instead of an array.
 Row = Array
@@ -29,7 +29,7 @@ def as_row(owner: str, name: str, values, what: str) -> Array:
     - `values`: one value for each mode, story or column along the last axis
     - `what`: "mode", "story" or "column", for error messages
 
-    Raises `ValueError` for a scalar, an empty axis, and anything but numbers.
+    Raises `ValueError` for a scalar, for an empty axis, and for values that are not numbers.
     """
     array = as_float(values, f"{owner}: {name}")
     if array.ndim == 0 or array.shape[-1] == 0:
@@ -77,15 +77,15 @@ def is_concrete_zero(value) -> bool:
 class Modes(AbstractSuperstructure):
     """A superstructure of n modes: oscillators in parallel on the beam, (C9).
 
-    - `eta`: mass ratios η_i of the modes, ≥ 0 [–], along the last axis: the modal masses divided by the mass
-      N m_c of the N columns. A mode with η_i = 0 responds to the beam but does not act on it
+    - `eta`: mass ratios η_i of the modes, ≥ 0 [–], along the last axis: the modal masses divided by N m_c,
+      the mass of all N columns. A mode with η_i = 0 responds to the beam but does not act on the beam
     - `T`: fixed-base periods T_i, > 0 [s]; they may be equal
     - `zeta`: damping ratios ζ_i, ≥ 0 [–]; one value for all modes, or one for each
-    - `residual`: mass ratio η_r of the mass in none of the modes, which moves with the beam, ≥ 0 [–]. The
-      answer `peak_shear` leaves out the impulses of this mass at impacts
+    - `residual`: mass ratio η_r of the mass that belongs to no mode, ≥ 0 [–]. This mass moves with the beam;
+      the answer `peak_shear` leaves out the impulses that act on it at impacts
 
-    For one mode without `residual` use [`rockjax.Elastic`][], for no mode `Rigid(residual)`. The axis of
-    modes is the last axis of the displacements in [`rockjax.State`][] and of `peak_deformation`. Raises
+    For one mode without `residual` use [`rockjax.Elastic`][], and for no mode `Rigid(residual)`. The last
+    axis of the displacements in [`rockjax.State`][] and of `peak_deformation` is the axis of modes. Raises
     `ValueError` for unequal lengths and for values outside these ranges; traced values are not checked.
     """
 
@@ -115,13 +115,14 @@ class Modes(AbstractSuperstructure):
 
     @classmethod
     def of_total(cls, mass_ratio, eta, T, zeta=0.05) -> Self:
-        """Return modes of a superstructure whose total mass is known. The mass that is not in the modes
-        becomes the residual.
+        """Return modes of a superstructure with a given total mass. The mass that belongs to no mode becomes
+        the `residual`.
 
         - `mass_ratio`: mass ratio m_t/(N m_c) of the whole superstructure [–]
         - `eta`, `T`, `zeta`: as for [`rockjax.Modes`][]
 
-        Raises `ValueError` if the modes have more mass than the total, and as [`rockjax.Modes`][] does.
+        Raises `ValueError` if the sum of `eta` exceeds `mass_ratio`, and for values that
+        [`rockjax.Modes`][] rejects.
         """
         eta, total = (
             as_row("Modes.of_total", "eta", eta, "mode"),
@@ -172,7 +173,7 @@ class Modes(AbstractSuperstructure):
 
     def first_moments(self, heights: Number, residual_height: Number) -> tuple[Number | None, Number | None]:
         modal_moments, carried = super().first_moments(heights, residual_height)
-        # `resolved` makes a single mode without a residual an `Elastic`, whose moment has no axis of modes.
+        # `resolved` converts a single mode without a residual to `Elastic`, whose moment has no mode axis.
         if modal_moments is not None and carried is None and self.count == 1:
             return modal_moments[..., 0], None
         return modal_moments, carried

@@ -74,8 +74,8 @@ class Podium(Module):
       [`rockjax.ShearBuilding`][]
     - `lam`: column inertia factor λ = I_c/(m_c R²), with the moment of inertia I_c about the centre of the
       column, ≥ 0 [–], Eq. (3); 1/3 for a uniform block
-    - `restitution`: `"paper"`, Eq. (27); `"compatible"`, conservation of angular momentum with Eq. (26); or a
-      velocity factor in [0, 1]
+    - `restitution`: `"paper"` for Eq. (27), `"compatible"` for conservation of angular momentum with
+      Eq. (26), or a velocity factor from 0 to 1 [–]
     - `g`: acceleration of gravity, > 0 [m/s²]
     - `restrainers`: [`rockjax.Tendon`][], [`rockjax.Damper`][] and [`rockjax.Inerter`][], which act in
       parallel on every column. Each restrainer spans both joints of a column, from the ground to the beam,
@@ -179,21 +179,23 @@ class Podium(Module):
           period `period`
         - `story_masses`, `story_stiffnesses`: masses [kg] and stiffnesses [N/m] of the stories of any
           building, from the bottom; cannot be combined with `stories`, `top_mass` or `period`
-        - `story_heights`, `modes`: heights [m] and number of modes of a building, as in
+        - `story_heights`, `modes`: heights of the stories [m] and number of modes of a building, as in
           [`rockjax.ShearBuilding`][]
-        - `positions`: positions of the columns along the motion [m], for forces in their joints; with
-          `beam_depth`, `top_height` and `residual_height` [m] as in [`rockjax.Elevation`][]
-        - `end_radius`: radius r_c of round ends, 0 ≤ r_c < H [m]: the flat face (width 2B) at each end of a
-          column lies between two arcs of this radius, which join it tangentially; cannot be combined with
-          tendons, dampers and inerters
+        - `positions`: positions of the columns in the direction of motion [m], for forces in their joints
+        - `beam_depth`, `top_height`, `residual_height`: heights [m] as in [`rockjax.Elevation`][]; they need
+          `positions`
+        - `end_radius`: radius r_c of round column ends, 0 ≤ r_c < H [m]. Each end has a flat face of width 2B
+          between two arcs of this radius, which join the face tangentially. Cannot be combined with tendons,
+          dampers and inerters
 
-        With round ends the result is an approximately equivalent podium with flat ends and the same α, (R5).
-        Compared with the real columns, its `R`, `width` and `height` are larger by the factor H/(H − r_c),
-        and its rotations are smaller by the factor (H − r_c)/H. In tests with Ricker pulses, tan α = 0.15 and
-        r_c = H/2, peak displacements u_b of the beam up to half of the displacement at overturning are at
-        most 0.65 % too small, and overturning amplitudes at most 1.3 % too large. For r_c = 0.8 H these
-        errors are at most 3.4 % and 15 %. They grow with α and with the period of the pulse. The section
-        "Round column ends" on the page on forces in the joints has the tests.
+        With round ends, the result is an approximately equivalent podium with flat ends and the same α, (R5).
+        Its `R`, `width` and `height` are larger than those of the real columns by the factor H/(H − r_c), and
+        its rotations are smaller by the factor (H − r_c)/H. Displacements u_b of the beam are too small, and
+        overturning amplitudes too large. For tan α = 0.15 and r_c = H/2, tests with Ricker pulses give errors
+        of at most 0.65 % for peaks of u_b up to half of the displacement at overturning, and of at most 1.3 %
+        for overturning amplitudes. For r_c = 0.8 H these errors are at most 3.4 % and 15 %. They grow with α
+        and with the period of the pulse. The section "Round column ends" on the page on forces in the joints
+        has the tests.
 
         Tendons, dampers and inerters act between the ground and the beam. A device is omitted if its
         parameters, not counting the exponent, are the Python number 0.
@@ -294,8 +296,8 @@ class Podium(Module):
         With a rigid superstructure or none, columns lift as soon as |ü_g| exceeds this value. With an elastic
         superstructure this holds for slow motions, in which the spring transmits the inertia of the top mass.
         Faster motions have other thresholds. If the top mass vibrates, columns can lift at less than g tan α.
-        If the ground acceleration jumps, the spring has not responded yet, and columns lift immediately only
-        above `uplift_demand`.
+        At a jump of the ground acceleration from rest, the spring has not responded yet, and columns lift
+        immediately only if the acceleration exceeds `uplift_demand`.
         """
         threshold = g_tan_alpha(self.alpha, self.g)
         if any(restrainer.has_static_force for restrainer in self.restrainers):
@@ -308,11 +310,13 @@ class Podium(Module):
     def uplift_demand(self) -> Number:
         """Threshold of the demand |q|, above which the columns lift [m/s²], Eq. (9).
 
-        With an `Elastic` superstructure whose mass is displaced by u_t relative to the ground, q = ü_g −
-        (ω_s² u_t + 2ζω_s u̇_t)·2η/(1+2γ), which includes the forces of spring and damper; for the ground
-        acceleration alone see `uplift_ground_acceleration`. The threshold is g tan α (1+2γ+2η)/(1+2γ) with an
-        elastic superstructure, and g tan α with a rigid one or none, Eq. (5). Tendons of prestress τ add
-        2gτ tan α/(1+2γ), (C10). In these formulas, γ includes all mass that moves with the beam.
+        The demand is q = ü_g with a rigid superstructure or none. With an `Elastic` superstructure whose mass
+        is displaced by u_t relative to the ground, q = ü_g − (ω_s² u_t + 2ζω_s u̇_t)·2η/(1+2γ), which
+        includes the forces of spring and damper. `uplift_ground_acceleration` is a threshold of ü_g alone.
+
+        The threshold is g tan α (1+2γ+2η)/(1+2γ) with an elastic superstructure, and g tan α with a rigid one
+        or none, Eq. (5). Tendons of prestress τ add 2gτ tan α/(1+2γ), (C10). In these formulas, γ includes
+        all mass that moves with the beam.
         """
         threshold = self.uplift_ground_acceleration
         if self.vibrates:
@@ -360,11 +364,11 @@ class Podium(Module):
 
     @property
     def impact_eccentricity(self) -> Number:
-        """ξ_J, the position of the resultant of the impulses at an impact, divided by half the width of a
-        column [–], (F13).
+        """ξ_J, the distance of the resultant of the impulses at an impact from the centre line of a column,
+        divided by half the width of the column [–], (F13).
 
-        It is 1 if all impulses act at the new contact edges, as with `"compatible"`, or with `"paper"` and no
-        elastic superstructure. It is less than 1 if impulses also act at the old edges, about which the
+        ξ_J is 1 if all impulses act at the new contact edges, as with `"compatible"`, or with `"paper"` and
+        no elastic superstructure. ξ_J is less than 1 if impulses also act at the old edges, about which the
         columns rotated before the impact. A value above 1 would need tensile impulses at the old edges, which
         the faces of the joints cannot transmit.
         """
@@ -388,8 +392,8 @@ class Podium(Module):
 
     @property
     def core_distance(self) -> Number:
-        """Core distance ℓ_p of the columns [m]: a resultant within ±ℓ_p of their mean position compresses all
-        of them. Raises `ValueError` without an elevation."""
+        """Core distance ℓ_p of the columns [m]. All columns are in compression if the resultant of their
+        axial forces is within ±ℓ_p of their mean position. Raises `ValueError` without an elevation."""
         if not isinstance(self.elevation, Elevation):
             raise ValueError("Podium.core_distance needs an elevation: Podium(..., elevation=Elevation(...))")
         return self.elevation.core_distance
@@ -403,15 +407,16 @@ class Podium(Module):
     def stability_angle(self) -> Number:
         """θ_s: the smallest rotation in (0, π/2] from which a column at rest does not return [rad], (C7).
 
-        It is α without tendons, larger with tendons, and inf if tendons restore the column at every rotation
-        up to π/2.
+        θ_s is α without tendons, larger with tendons, and inf if the column returns from every rotation up to
+        π/2.
         """
         return stability_angle(self.alpha, self.gamma + self.eta + 0.5, self.restrainers)
 
     @property
     def critical_stiffness(self) -> Number:
-        """κ_cr = w cos α/(2 sin²α), w = γ+η+½: the tendon stiffness K R/(m_c g) above which small rotations
-        have a positive stiffness [–], (C6). It does not depend on the podium's own tendons.
+        """κ_cr = w cos α/(2 sin²α) [–] with w = γ+η+½, (C6): if the tendon stiffness K R/(m_c g) exceeds
+        κ_cr, the stiffness of the podium at small rotations is positive. κ_cr does not depend on the tendons
+        of this podium.
         """
         return (self.gamma + self.eta + 0.5) * jnp.cos(self.alpha) / (2 * jnp.sin(self.alpha) ** 2)
 
@@ -419,7 +424,7 @@ class Podium(Module):
     def uplifted_frequency(self) -> Number:
         """Circular frequency of the superstructure while the podium is uplifted [rad/s], Eq. (31).
 
-        With tendons, inerters or several modes it is the largest of `uplifted_frequencies`. Raises
+        With tendons, inerters or several modes, this is the largest of `uplifted_frequencies`. Raises
         `ValueError` without an elastic superstructure.
         """
         oscillators = self._require_oscillators("uplifted_frequency")
@@ -433,9 +438,9 @@ class Podium(Module):
 
     @property
     def uplifted_frequencies(self) -> Number:
-        """All n+1 circular frequencies of the uplifted podium, ascending along the last axis [rad/s], (C15):
-        the frequency of rocking against the stiffness of the tendons (0 without tendons), and those of the n
-        modes of the superstructure.
+        """All n+1 circular frequencies of the uplifted podium, ascending along the last axis [rad/s], (C15).
+        One belongs to rocking against the stiffness of the tendons and is 0 without tendons. The others
+        belong to the n modes of the superstructure.
 
         The equations are linearised without gravity and prestress. Raises `ValueError` without an elastic
         superstructure.
@@ -483,10 +488,11 @@ class Podium(Module):
     def equivalent_block(self) -> Podium:
         """Return the solitary block (λ = 1/3) that rocks exactly like this frame under every excitation.
 
-        It has the same α and e, and its frequency parameter p̂ is given by p̂² = p² (2γ+1)/(3γ+¾(1+λ)), where
-        γ includes a rigid superstructure. The parameters τ, κ, δ, ν and μ of the restrainers (table of (C1)
-        in docs/control.md) become τ/(1+2γ), κ/(1+2γ), δ (p̂/p)^ν/(1+2γ), ν and μ/(3γ+¾(1+λ)). Raises
-        `ValueError` for an elastic superstructure, which has no equivalent block.
+        The block has the same α and e as the frame, and a frequency parameter p̂ with
+        p̂² = p² (2γ+1)/(3γ+¾(1+λ)), where γ includes a rigid superstructure. Its restrainers have τ/(1+2γ),
+        κ/(1+2γ), δ (p̂/p)^ν/(1+2γ), ν and μ/(3γ+¾(1+λ)) instead of τ, κ, δ, ν and μ (symbols of the table
+        below (C1) in docs/control.md). Raises `ValueError` for an elastic superstructure, which has no
+        equivalent block.
         """
         if self.vibrates:
             raise ValueError(
@@ -607,8 +613,9 @@ def _with_round_ends(
     """Return R and the elevation of the podium with flat ends that is equivalent to a podium with round ends,
     (R5).
 
-    The equivalent columns are taller. `_raised` is the distance by which their tops are too high; `Elevation`
-    subtracts it, so that all masses keep their height above mid-height of the columns.
+    The equivalent columns are taller than the real columns. `Elevation._raised` is the distance between the
+    tops of both. `Elevation` subtracts this distance from all heights above the columns, so that all masses
+    keep their height above the middle of the columns.
 
     - `owner`: name for error messages
     - `radius`: radius of the round ends [m]

@@ -1,6 +1,9 @@
 """Laws of restitution: the velocity factor e of an impact, |θ̇| after the impact divided by |θ̇| before it.
 
-Plain equation numbers are those of docs/model.md; (C12) is in docs/control.md, (C13) in docs/equations.md.
+In the formulas, γ is the mass that moves with the beam and η the vibrating mass, both divided by N m_c, the
+mass of all N columns. λ is the inertia factor of a column, and μ the sum of the inertances of a column
+divided by its mass m_c. Plain equation numbers are those of docs/model.md; (C12) is in docs/control.md, (C13)
+in docs/equations.md.
 """
 
 from __future__ import annotations
@@ -37,8 +40,8 @@ class PaperRestitution(Module):
 
 
 class CompatibleRestitution(Module):
-    """Law of conserved angular momentum about the new pivots, Eq. (26), (C13). At an impact, an elastic
-    superstructure keeps its horizontal velocity.
+    """Law of conserved angular momentum about the new pivots, (C13). At an impact, an elastic superstructure
+    keeps its horizontal velocity, Eq. (26).
 
     e = 1 − 2 sin²α (1+4γ+4η+4μ) / ((1+λ)+4γ+4(η+μ) sin²α). Without inerters μ is 0.
     """
@@ -80,7 +83,7 @@ class GivenRestitution(Module):
     ) -> Number:
         """Return the velocity factor e [–].
 
-        - `sin2`, `gamma`, `eta`, `lam`, `mu`: arguments of the other laws, ignored
+        - `sin2`, `gamma`, `eta`, `lam`, `mu`: ignored; the other laws need these arguments
         """
         del sin2, gamma, eta, lam, mu
         return self.e
@@ -100,7 +103,8 @@ Restitution = PaperRestitution | CompatibleRestitution | GivenRestitution
 
 
 def as_restitution(value) -> Restitution:
-    """Convert the argument `Podium.restitution`: a law by name or instance, or a factor in [0, 1]."""
+    """Return a law of restitution from the argument `Podium.restitution`: the name of a law, a law, or a
+    factor from 0 to 1."""
     if isinstance(value, Restitution):
         return value
     if isinstance(value, str):

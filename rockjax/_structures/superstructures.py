@@ -1,9 +1,9 @@
 """Superstructures on the podium: the base class, `Rigid`, `Elastic`, and `Oscillators` for the engine.
 
-For the engine a superstructure consists of oscillators in parallel on the beam, and of a mass that moves with
-the beam. JAX compiles a separate program for each number of oscillators, each value of a property that is a
-Python bool, and each set of properties that are None. docs/equations.md states where equations with a letter,
-such as (C15), are.
+For the engine, a superstructure consists of oscillators in parallel on the beam and of a mass that moves with
+the beam. Mass ratios are masses divided by N m_c, the mass of all N columns. JAX compiles a separate program
+for each number of oscillators, for each value of a property that is a Python bool, and for each combination
+of properties that are None. docs/equations.md states where equations with a letter, such as (C15), are.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class AbstractSuperstructure(Module):
     @property
     @abc.abstractmethod
     def carried(self) -> Number | None:
-        """Mass ratio of the part that moves with the beam [–]; None if there is no such part."""
+        """Mass ratio of the mass that moves with the beam [–]; None if there is no such mass."""
 
     @property
     @abc.abstractmethod
@@ -70,8 +70,8 @@ class AbstractSuperstructure(Module):
 
     @property
     def floors(self) -> Array | None:
-        """Participation factors times mode shapes, Γ_i φ_ji of floors j and modes i, shape (floors, modes)
-        [–], (C11); None if there are no floors."""
+        """Γ_i φ_ji, the participation factor of mode i times its shape at floor j, shape (floors, modes) [–],
+        (C11); None if there are no floors."""
         return None
 
     @property
@@ -92,7 +92,8 @@ class AbstractSuperstructure(Module):
         return None
 
     def check_heights(self, owner: str, heights: Number) -> None:
-        """Raise `ValueError`, whose message begins with `owner`, for unsuitable heights of an elevation."""
+        """Raise `ValueError` for heights of an elevation that do not suit the superstructure; the message
+        begins with `owner`."""
         del owner, heights
 
     def first_moments(self, heights: Number, residual_height: Number) -> tuple[Number | None, Number | None]:
@@ -127,7 +128,8 @@ class AbstractSuperstructure(Module):
 class Elastic(AbstractSuperstructure):
     """An elastic single-degree-of-freedom superstructure, Eqs. (4), (22).
 
-    - `eta`: mass ratio η = m_t/(N m_c), ≥ 0 [–]. With η = 0 it responds to the beam but does not act on it.
+    - `eta`: mass ratio η = m_t/(N m_c), ≥ 0 [–]. With η = 0 the superstructure responds to the beam but does
+      not act on the beam.
     - `T_s`: fixed-base period, > 0 [s]. For T_s = 0 use [`rockjax.Rigid`][], not a small period.
     - `zeta`: fixed-base damping ratio ζ ≥ 0 [–].
     """
@@ -216,8 +218,8 @@ class Rigid(AbstractSuperstructure):
 
 
 class Oscillators(AbstractSuperstructure):
-    """Oscillators in the form that the engine uses: arrays with the modes along the last axis; see
-    [`rockjax.Modes`][]."""
+    """Oscillators in the form that the engine uses: arrays with the modes along the last axis, and the
+    parameters of [`rockjax.Modes`][]."""
 
     eta: Array
     T_s: Array
@@ -278,8 +280,8 @@ def uplifted_squares(
     - `cos_alpha`: cos α
 
     The squares x solve (C15), Λ − k/x + 3cos²α Σ η_iω_i²/(ω_i² − x) = 0. They are the eigenvalues of a
-    symmetric matrix with the diagonal ω_i², bordered by a row and a column for the rotation. Rotation and
-    oscillators are scaled by the square roots of their masses.
+    symmetric matrix, which has ω_i² on the diagonal, and a first row and column for the rotation. Rotation
+    and oscillators are scaled by the square roots of their inertias.
     """
     squares, masses = oscillators.omega_s**2, 3 * oscillators.eta
     if isinstance(oscillators, Elastic):
@@ -312,15 +314,15 @@ def _uplifted_eigenvalues(
 
 @_uplifted_eigenvalues.defjvp
 def _uplifted_eigenvalues_jvp(primals, tangents):
-    """Differentiate the eigenvalues as Rayleigh quotients, which are stationary with respect to mode shapes.
-    No derivatives of mode shapes are needed, which do not exist if periods are equal, and no derivatives of
-    the square roots of masses, which do not exist if a mass is zero."""
+    """Differentiate the eigenvalues as Rayleigh quotients, which are stationary with respect to the mode
+    shapes. Derivatives of mode shapes, which do not exist if periods are equal, are therefore not needed.
+    Derivatives of the square roots of masses, which do not exist if a mass is zero, are not needed either."""
     squares, masses, inertia, _, cos_alpha = primals
     values, vectors = eigh(_bordered_matrix(*primals))
     rotation, shapes = vectors[..., 0, :] / jnp.sqrt(inertia), vectors[..., 1:, :]
     has_mass = masses[..., :, None] > 0
     detuning = squares[..., :, None] - values[..., None, :]
-    # A massless oscillator is driven by the beam, or vibrates alone at its natural frequency.
+    # In a mode, a massless oscillator follows the beam, or vibrates alone at its natural frequency.
     driven = (
         (cos_alpha * rotation)[..., None, :] * squares[..., :, None] / jnp.where(detuning == 0, 1.0, detuning)
     )
