@@ -53,7 +53,7 @@ POWER = Range(0.0, 1.0, (False, True))
 class Parameter(NamedTuple):
     """A scalar parameter of a structure or ground motion.
 
-    - `name`: name in axes, options, keys of problem files and variables; `symbol`: mathematical symbol
+    - `name`: name of the axis, option, variable or key of a problem file; `symbol`: mathematical symbol
     - `unit`: unit as in datasets, "1" for a ratio; `range`: range of valid values; `meaning`: description
     - `attribute_path`: attributes that lead to the value in the structure, such as `superstructure.T_s`.
       Members of a tuple are named by their class, as in `restrainers.Tendon.stiffness`. Empty for derived

@@ -64,7 +64,7 @@ def enlargement(owner: str, radius: Number, height: Number) -> Number:
     with round ends, (R5).
 
     - `owner`: name for error messages
-    - `radius`: radius r_c of the round ends of a column, in [0, H) [m]
+    - `radius`: radius r_c of the round ends of a column, 0 ≤ r_c < H [m]
     - `height`: full height 2H of a column [m]
 
     Raises `ValueError` for a radius out of range, unless it is traced.

@@ -263,7 +263,7 @@ class Podium(Module):
 
     @property
     def eta(self) -> Number:
-        """Mass ratio of the superstructure η, 0 if there is none [–]."""
+        """Mass ratio η of the superstructure [–]; 0 without a superstructure."""
         return jnp.zeros_like(self.gamma) if self.superstructure is None else self.superstructure.mass_ratio
 
     @property

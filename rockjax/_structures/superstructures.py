@@ -218,8 +218,8 @@ class Rigid(AbstractSuperstructure):
 
 
 class Oscillators(AbstractSuperstructure):
-    """Oscillators in the form that the engine uses: arrays with the modes along the last axis, and the
-    parameters of [`rockjax.Modes`][]."""
+    """Oscillators in the form that the engine uses, with the modes along the last axis of arrays. The fields
+    have the meanings of those of [`rockjax.Modes`][]; `T_s` corresponds to `T`."""
 
     eta: Array
     T_s: Array
