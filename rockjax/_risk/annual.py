@@ -35,12 +35,14 @@ MIN_EXTRAPOLATED = 0.05  # extrapolated share above which `repr` reports it
 class AnnualFrequency:
     """Mean annual frequency of reaching a limit state.
 
-    - `frequency`: mean annual frequency λ_f = ∫ F(x) |dλ(x)| [1/year]
-    - `extrapolated`: share of `frequency` from intensities outside the range of the hazard curve's points
-      and, for an incremental dynamic analysis, from intensities above its highest level [–]
-    - `sensitivities`: d ln λ_f/d ln y by name, for the median of the fragility (`"median"`) and for every
-      structural parameter y whose sensitivities the fragility contains. The key `"dispersion"` has d ln
-      λ_f/dβ with the dispersion β. Empty for an incremental dynamic analysis
+    - `frequency`: mean annual frequency λ_f = ∫ F(x) |dλ(x)|, with the fragility F and the hazard curve λ
+      [1/year]
+    - `extrapolated`: share of `frequency` that comes from intensities outside the points of the hazard curve
+      [–]. For an incremental dynamic analysis, intensities above its highest level count as well
+    - `sensitivities`: derivatives of ln λ_f by name. `"median"` is d ln λ_f/d ln m with the median m of the
+      fragility. `"dispersion"` is d ln λ_f/dβ with its dispersion β. Further keys are the parameters y of the
+      structure whose sensitivities the fragility contains, with d ln λ_f/d ln y. Empty for an incremental
+      dynamic analysis
     """
 
     frequency: Float[Array, ""]
@@ -53,9 +55,9 @@ class AnnualFrequency:
         return jnp.where(self.frequency > 0, 1 / jnp.where(self.frequency > 0, self.frequency, 1.0), jnp.inf)
 
     def probability(self, years) -> Float[Array, "*n"]:
-        """Return the probability of at least one occurrence in `years` t, 1 − exp(−λ_f t) [–].
+        """Return the probability 1 − exp(−λ_f t) of at least one occurrence in the time t = `years` ≥ 0 [–].
 
-        Occurrences are taken to be a Poisson process.
+        Occurrences are assumed to be a Poisson process.
         """
         require("AnnualFrequency.probability", "years", years, lambda v: v >= 0, "finite and >= 0")
         return -jnp.expm1(-self.frequency * jnp.asarray(years, float))
@@ -77,21 +79,27 @@ jax.tree_util.register_dataclass(AnnualFrequency, ["frequency", "extrapolated", 
 def annual_frequency(curve: Lognormal | xarray.Dataset, hazard: Hazard) -> AnnualFrequency:
     """Return the mean annual frequency of overturning, or of the limit state of a fragility.
 
-    - `curve`: a [`rockjax.Lognormal`][] in the units of the hazard; or a dataset of [`rockjax.fragility`][],
-      [`rockjax.read_fragility_model`][], [`rockjax.contents_fragility`][] or
-      [`rockjax.incremental_dynamic_analysis`][]. Limits of a fragility model are applied. A fragility of
-      contents must be reduced to one curve: `data.sel(contents=…, damage_state=…)`. For an incremental
-      dynamic analysis, F is the share of overturned records among those whose scenes finished, interpolated
-      linearly between the levels, even where this share decreases with the level
+    - `curve`: the fragility F, a [`rockjax.Lognormal`][] in the units of the hazard; or a dataset of
+      [`rockjax.fragility`][], [`rockjax.read_fragility_model`][], [`rockjax.contents_fragility`][] or
+      [`rockjax.incremental_dynamic_analysis`][]
     - `hazard`: a [`rockjax.Hazard`][] of the same intensity measure, in the same units
 
-    The integral is evaluated in closed form on every segment of the hazard curve. For a `Lognormal` the
-    function works under `jit` and `grad`, with respect to median, dispersion and the points of the hazard.
+    Datasets are used as follows:
 
-    Raises `ValueError` for another type of `curve` or `hazard`, if a dataset has another measure or other
-    units than the hazard, and if median or dispersion is not a scalar, finite and > 0. An incremental dynamic
-    analysis must have at least two levels, with finished scenes at every level, and no record may overturn at
-    the lowest level.
+    - The limits in a dataset of `read_fragility_model` are applied.
+    - A dataset of `contents_fragility` must be reduced to one curve: `data.sel(contents=…, damage_state=…)`.
+    - For an incremental dynamic analysis, F at a level is the share of records that overturn the columns,
+      among the records whose simulation finished. F is linear between the levels. It may decrease with the
+      level.
+
+    The integral is evaluated in closed form on every segment of the hazard curve. For a `Lognormal` the
+    function works under `jit`, and is differentiable with respect to the median, the dispersion and the
+    points of the hazard curve.
+
+    Raises `ValueError` for another type of `curve` or `hazard`, for a dataset with another measure or other
+    units than the hazard, and for a median or dispersion that is not a scalar, finite and > 0. Also raises
+    `ValueError` for an incremental dynamic analysis with fewer than two levels, with a level at which no
+    simulation finished, or with overturning at the lowest level.
     """
     owner = "annual_frequency"
     if not isinstance(hazard, Hazard):
@@ -139,10 +147,11 @@ def _check_measure(owner: str, measure: str, units: str, hazard: Hazard) -> None
 
 
 def read_limits(curve: xarray.Dataset) -> integral.Limits:
-    """Return the limits of the dataset of a fragility curve, as OpenQuake's engine applies them.
+    """Return the limits in the dataset of a fragility curve, as OpenQuake's engine applies them.
 
-    The engine first clips intensities to the range from `min_intensity` to `max_intensity`, and then sets
-    F = 0 up to `no_damage_limit`. If `min_intensity` is larger, `no_damage_limit` therefore has no effect.
+    The engine first clips intensities to the range from `min_intensity` to `max_intensity`. It then sets
+    F = 0 for clipped intensities up to `no_damage_limit`. Therefore only the larger one of `min_intensity`
+    and `no_damage_limit` has an effect.
     """
     no_damage, lowest, highest = (
         float(curve[name]) if name in curve else None
@@ -159,11 +168,11 @@ def _limited_probability(
 ) -> np.ndarray:
     """Return the values of a fragility curve, shape (n,), with limits applied.
 
-    Below the limit `constant_below`, the fragility is constant, except that it is 0 at intensities below both
-    this limit and the first point of the hazard curve.
-
-    - `curve`, `limits`: the fragility curve and its limits
-    - `x`: intensities, shape (n,); `first`: first intensity of the hazard curve
+    - `curve`: the fragility curve
+    - `x`: intensities, shape (n,)
+    - `limits`: limits of the curve. Below the limit `constant_below`, the fragility is constant. As in
+      `integral.integrate_lognormal`, it is 0 below both this limit and `first`
+    - `first`: first intensity of the hazard curve
     """
     low, high = limits.constant_below or 0.0, limits.constant_above or np.inf
     probability = np.asarray(curve.probability(jnp.asarray(np.clip(x, low, high))))
@@ -173,7 +182,8 @@ def _limited_probability(
 
 
 def _integrate_with_slopes(curve: Lognormal, hazard: Hazard, limits: integral.Limits):
-    """Return λ_f, its extrapolated share, and the derivatives of ln λ_f."""
+    """Return λ_f, its extrapolated share, and the derivatives of ln λ_f with respect to ln m (`"median"`) and
+    β (`"dispersion"`)."""
 
     def total(log_median, dispersion):
         contributions = integral.integrate_lognormal(
@@ -196,8 +206,8 @@ _frequency_and_slopes = StoredProgram(_integrate_with_slopes)
 def _frequency_of_lognormal(
     owner: str, curve: Lognormal, hazard: Hazard, limits: integral.Limits = integral.Limits()
 ) -> AnnualFrequency:
-    """Return the frequency with its sensitivities. Raises `ValueError` unless the parameters are scalars
-    > 0."""
+    """Return the frequency with its sensitivities. Raises `ValueError` unless median and dispersion are
+    scalars > 0."""
     require_positive(owner, median=curve.median, dispersion=curve.dispersion)
     curve = Lognormal(*map(as_float, curve))
     if curve.median.ndim or curve.dispersion.ndim:
@@ -209,8 +219,12 @@ def _frequency_of_lognormal(
 
 
 def _structure_sensitivities(curve: xarray.Dataset, slopes: Mapping[str, Any]) -> dict[str, float]:
-    """Return d ln λ_f/d ln y for the parameters y of the structure: the effect through the median and, if
-    the dataset contains its sensitivities, through the dispersion."""
+    """Return d ln λ_f/d ln y for the parameters y of the structure; empty if a dataset has no sensitivities.
+
+    - `curve`: dataset of a fragility. If it has `dispersion_sensitivity`, the effect of y on the dispersion
+      is included
+    - `slopes`: d ln λ_f/d ln m (`"median"`) and d ln λ_f/dβ (`"dispersion"`)
+    """
     if "median_sensitivity" not in curve:
         return {}
     changes = slopes["median"] * curve["median_sensitivity"].values
@@ -220,7 +234,8 @@ def _structure_sensitivities(curve: xarray.Dataset, slopes: Mapping[str, Any]) -
 
 
 def _frequency_of_analysis(owner: str, analysis: xarray.Dataset, hazard: Hazard) -> AnnualFrequency:
-    """Return the frequency from the shares of overturned records at the levels of an analysis."""
+    """Return the frequency from the shares of records that overturn the columns at the levels of an
+    incremental dynamic analysis."""
     levels, overturned_share = analysis["intensity"].values, outcomes(analysis).mean("record").values
     if levels.size < 2:
         raise ValueError(f"{owner}: curve must have at least two levels of intensity, got {levels.size}")
@@ -252,15 +267,16 @@ def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -
     - `curve`: a [`rockjax.Lognormal`][], or a dataset of [`rockjax.fragility`][] or
       [`rockjax.read_fragility_model`][]
     - `hazard`: a [`rockjax.Hazard`][] of the same intensity measure, in the same units
-    - `at`: intensities, > 0, shape (n,), n ≥ 1; None for 400 values from min(m, x₁)/1000 to 10 max(m, x_n),
-      with the median m and the first and last intensities x₁ and x_n of the hazard curve
+    - `at`: intensities at which the contribution is computed, > 0, shape (k,), k ≥ 1, in the units of the
+      hazard. The default is 400 values with a constant ratio, from min(m, x₁)/1000 to 10 max(m, x_n). Here m
+      is the median of the fragility, and x₁ and x_n are the first and the last intensity of the hazard curve
 
-    Returns a dataset over `intensity` with the rate `hazard` [1/year], the probability `fragility` [–] and
-    the contribution `density` [–], which jumps at points of the hazard curve. `given` holds the rates at the
-    points of the hazard curve, over `point`.
+    Returns a dataset over `intensity` with the rate of exceedance `hazard` [1/year], the probability
+    `fragility` [–] and the contribution `density` [–]. `density` jumps at the points of the hazard curve. The
+    variable `given` over `point` holds the rates at these points [1/year].
 
-    Raises `ValueError` for other curves, for intensities that are not finite and > 0, and in the same cases
-    as `annual_frequency`.
+    Raises `ValueError` for another type of `curve`, for values in `at` that are not finite and > 0, and in
+    the same cases as `annual_frequency`.
     """
     import xarray
 

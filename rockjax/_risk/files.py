@@ -26,13 +26,13 @@ if TYPE_CHECKING:
 
 NRML = "http://openquake.org/xmlns/nrml/0.5"
 MIN_IML = "1e-10"  # minIML written for a curve that has none [unit of the file]
-# A curve with median m and dispersion β, but without an upper limit, gets maxIML = m e^(7β), where
-# 1 − P = 1e-12, or a multiple of its lower limits if these are above m.
+# A curve with the median m and the dispersion β, but without an upper limit, is written with
+# maxIML = m e^(7β), where 1 − P = 1e-12. If a lower limit of the curve is above m, this limit replaces m.
 MAX_DEVIATIONS = 7.0
 
 
 def read_hazard(path: str | Path, site: int | None) -> dict[str, Any]:
-    """Return the arguments of `Hazard` from a file.
+    """Return the arguments of `Hazard`, by name, from a file.
 
     - `path`, `site`: as for `Hazard.from_file`
     """
@@ -79,8 +79,8 @@ class _Row(NamedTuple):
         return any(_as_number(cell) is not None for cell in self.cells)
 
     def number(self, path: str | Path, column: int) -> float:
-        """Return the number in the column with this index. Otherwise raises a `ValueError` that names file,
-        line, column and cell."""
+        """Return the number in the column with this index. If there is none, raises a `ValueError` that names
+        file, line, column and cell."""
         cell = self.cells[column] if column < len(self.cells) else ""
         number = _as_number(cell)
         if number is None:
@@ -89,7 +89,8 @@ class _Row(NamedTuple):
 
 
 def _delimiter(lines: list[str]) -> str:
-    """Return the delimiter of the last line that is not empty: a semicolon, a tab, or else a comma."""
+    """Return the delimiter of a table: a semicolon or a tab if the last line that is not empty contains one,
+    otherwise a comma."""
     last_line = next((line for line in reversed(lines) if line.strip()), "")
     return next((mark for mark in ";\t" if mark in last_line), ",")
 
@@ -102,7 +103,8 @@ def _as_number(cell: str) -> float | None:
 
 
 def _read_two_columns(path: str | Path, rows: list[_Row], comments: list[_Row]) -> dict[str, Any]:
-    """Return the arguments of `Hazard` from a table with a column of intensities and one of rates."""
+    """Return the arguments of `Hazard` from a table with two columns: intensities; and rates, return periods
+    or probabilities."""
     data_rows = [k for k, row in enumerate(rows) if row.has_numbers]
     first = data_rows[0] if data_rows else len(rows)
     heading_texts = _headings(
@@ -141,10 +143,12 @@ def _uncommented(row: _Row) -> list[str]:
 
 
 def _headings(lines: list[list[str]], rows: list[_Row]) -> list[str]:
-    """Return the headings of a table, from its heading lines and all its rows.
+    """Return the headings of the columns of a table.
 
-    Heading lines after the first contain units. A heading that contains a comma was split at the comma; its
-    parts are joined again.
+    - `lines`: cells of the heading lines. The first line contains names, further lines contain units
+    - `rows`: all rows of the table
+
+    If a heading contains a comma, `lines` has it in two cells, and they are joined again.
     """
     cells = [cell.strip() for cell in lines[0]] if lines else []
     for line in lines[1:]:
@@ -184,12 +188,15 @@ def _investigation_years(comments: list[_Row]) -> float | None:
 def _annual_rates(
     path: str | Path, heading: Heading, table: np.ndarray, years: float | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the intensities, in the unit of the table, and their annual rates [1/year]; at most n of each.
+    """Return intensities, in the unit of the table, and their annual rates [1/year].
+
+    Points whose probability of exceedance is 0 or 1 are left out.
 
     - `path`: path of the file, for messages
-    - `heading`: heading of the rates, return periods or probabilities
-    - `table`: intensities in the first column, and these numbers in the second, shape (n, 2)
-    - `years`: investigation time of probabilities whose heading does not state it [years]; None if unknown
+    - `heading`: heading of the second column
+    - `table`: intensities in the first column; rates, return periods [years] or probabilities in the second,
+      shape (n, 2)
+    - `years`: investigation time of probabilities, used if their heading states none [years]; None if unknown
     """
     quoted = f"{path}: heading {heading.text.strip()!r}"
     x, values = table[:, 0], table[:, 1] * (UNITS["%"].factor if heading.unit == "%" else 1.0)
@@ -217,7 +224,9 @@ def _rates_of_probabilities(
     """Return intensities and their annual rates −ln(1 − p)/t [1/year], without points with p = 0 or 1.
 
     - `owner`: source of the values, for error messages
-    - `x`: intensities (n,); `poe`: probabilities of exceedance p in the time t (n,); `years`: t [years]
+    - `x`: intensities, shape (n,)
+    - `poe`: probabilities of exceedance p in the investigation time t, shape (n,)
+    - `years`: investigation time t [years]
     """
     if not (np.isfinite(years) and years > 0):
         raise ValueError(f"{owner}: the investigation time must be > 0 years, got {years:g}")
@@ -225,7 +234,7 @@ def _rates_of_probabilities(
         raise ValueError(
             f"{owner}: probabilities of exceedance must be in 0 … 1, got {poe.min():g} … {poe.max():g}"
         )
-    # Points with p = 0 or 1 are left out, because ln λ is not finite there.
+    # At p = 0 and p = 1, ln λ is not finite.
     is_usable = (poe > 0) & (poe < 1)
     if is_usable.sum() < 2:
         raise ValueError(
@@ -257,9 +266,9 @@ def _read_openquake(
         )
     if not 0 <= (site or 0) < len(curves):
         raise ValueError(f"{path}: site must be in 0 … {len(curves) - 1}, got {site!r}")
-    # Some versions write the type of a column after a colon.
+    # Some versions of OpenQuake append a colon and the data type to the name of a column.
     levels = [cell.removeprefix("poe-").split(":")[0] for cell in rows[0].cells]
-    # The row of headings with intensities as cells, so that an error names the line and column of the file.
+    # Intensities are read as cells of the heading row, so that errors name the line and column of the file.
     heading_row = rows[0]._replace(cells=levels)
     x = np.array([heading_row.number(path, k) for k in columns])
     poe = np.array([curves[site or 0].number(path, k) for k in columns])
@@ -270,7 +279,7 @@ def _read_openquake(
 
 
 def _measure(path: str | Path, imt: str) -> tuple[str, str]:
-    """Return the measure with OpenQuake's name `imt`, and the unit in which OpenQuake gives the measure."""
+    """Return rockjax's name of the measure that OpenQuake calls `imt`, and OpenQuake's unit of it."""
     if imt == "PGA":
         return "PGA", "g"
     if imt == "PGV":
@@ -281,7 +290,7 @@ def _measure(path: str | Path, imt: str) -> tuple[str, str]:
 
 
 def _imt(measure: str) -> tuple[str, float]:
-    """Return OpenQuake's name of a measure, and the factor from OpenQuake's unit to SI."""
+    """Return OpenQuake's name of a measure, and the factor that converts OpenQuake's unit to SI."""
     if measure == "PGA":
         return "PGA", STANDARD_GRAVITY
     if measure == "PGV":
@@ -295,8 +304,10 @@ def _imt(measure: str) -> tuple[str, float]:
 
 
 def si_factor(owner: str, measure: str, units: str) -> float:
-    """Return the factor from the units of an intensity measure to SI. Raises `ValueError`, with `owner` in
-    the message, for other units."""
+    """Return the factor that converts the units of an intensity measure to SI.
+
+    Raises `ValueError`, with `owner` in the message, if `units` is not a unit of the measure.
+    """
     factor, si_unit = in_si(units) or (1.0, None)
     if si_unit != unit_of_measure(measure):
         raise ValueError(f"{owner}: {units!r} is not a unit of the intensity measure {measure}")
@@ -314,14 +325,14 @@ def write_fragility_model(
     - `fragilities`: one or more datasets of [`rockjax.fragility`][] or [`rockjax.read_fragility_model`][]
     - `names`: names of the structures, one for each dataset and all different; None for `structure-1` …
 
-    NRML contains the mean and the standard deviation of the intensity itself, in g (PGA, Sa) or cm/s (PGV).
-    For the median m and the dispersion β, `mean` = m e^(β²/2) and `stddev` = mean √(e^(β²) − 1). Limits of a
-    curve that was read from a file are written unchanged. OpenQuake requires minIML and maxIML: a curve
-    without minIML gets 1e-10, and a curve without maxIML gets m e^(7β), where 1 − P is 1e-12. If a lower
-    limit is above m, it replaces m here.
+    NRML describes a curve by the mean and the standard deviation of the intensity, in g (PGA, Sa) or cm/s
+    (PGV). With the median m and the dispersion β, `mean` = m e^(β²/2) and `stddev` = mean √(e^(β²) − 1).
+    Limits that were read from a file are written unchanged. OpenQuake requires both minIML and maxIML. A
+    curve without minIML gets minIML = 1e-10. A curve without maxIML gets maxIML = m e^(7β), where the
+    probability of failure is 1 − 1e-12. If a lower limit is above m, this limit replaces m.
 
     Returns the path. Raises `ValueError` for other datasets, for measures other than PGA, PGV and Sa(T s),
-    and unless there is one name for each dataset and all names are different strings.
+    and if `names` are not different strings, one for each dataset.
     """
     owner = "write_fragility_model"
     curves = list(fragilities) if isinstance(fragilities, Sequence) else [fragilities]
@@ -370,14 +381,17 @@ def read_fragility_model(path: str | Path) -> dict[str, xarray.Dataset]:
 
     - `path`: file to read
 
-    Returns structure → dataset, or `structure/limit state` → dataset for structures with several limit
-    states. A dataset has `median_capacity` and `dispersion`, and can be the `curve` of
-    [`rockjax.annual_frequency`][]. The dataset also has the limits in the file: `min_intensity` (minIML),
-    `max_intensity` (maxIML) and `no_damage_limit`. As in OpenQuake, a limit of 0 means no limit. Below
-    `min_intensity` and above `max_intensity`, P has its value at the limit. Up to `no_damage_limit`, P = 0,
-    unless `min_intensity` is larger: then `no_damage_limit` has no effect. Raises `ValueError` for other
-    files, other shapes of curves, invalid numbers, and a maxIML that is not above both minIML and
-    noDamageLimit.
+    Returns a dict of datasets, one for each curve. The key is the name of the structure, or
+    `structure/limit state` if the structure has several limit states. A dataset has `median_capacity` and
+    `dispersion`, and can be the `curve` of [`rockjax.annual_frequency`][]. It also has those of the limits
+    `min_intensity` (minIML), `max_intensity` (maxIML) and `no_damage_limit` that the file contains. A limit
+    of 0 means no limit, as in OpenQuake. With the probability of failure P:
+
+    - Below `min_intensity` and above `max_intensity`, P equals its value at the limit.
+    - Up to `no_damage_limit`, P = 0. If `min_intensity` is larger, `no_damage_limit` has no effect.
+
+    Raises `ValueError` for other files, other shapes of curves, invalid numbers, and a maxIML that is not
+    above both minIML and noDamageLimit.
     """
     try:
         model = ET.parse(path).getroot().find(f"{{{NRML}}}fragilityModel")
@@ -407,8 +421,10 @@ def read_fragility_model(path: str | Path) -> dict[str, xarray.Dataset]:
 
 
 def _number(path: str | Path, name: str, element: ET.Element, key: str) -> float:
-    """Return the number in the attribute `key`; NaN if the element does not have this attribute. For other
-    text raises a `ValueError` that names file, structure and attribute."""
+    """Return the number in the attribute `key` of an element; NaN if the element does not have the attribute.
+
+    If the attribute is not a number, raises a `ValueError` that names file, structure and attribute.
+    """
     text = element.get(key, "nan")
     try:
         return float(text)
@@ -426,8 +442,8 @@ LIMITS = {
 
 
 def _limits(path: str | Path, name: str, imls: ET.Element) -> dict[str, float]:
-    """Return the limits of a curve by their names in datasets, in the unit of the file, without limits that
-    are 0."""
+    """Return the limits of a curve by their names in datasets, in the unit of the file. Limits of 0 are left
+    out."""
     limits = {key: _number(path, name, imls, key) for key in LIMITS if imls.get(key) is not None}
     for key, limit in limits.items():
         if not 0 <= limit < math.inf:
@@ -442,7 +458,8 @@ def _limits(path: str | Path, name: str, imls: ET.Element) -> dict[str, float]:
 
 
 def _limits_to_write(curve: xarray.Dataset, factor: float) -> dict[str, str]:
-    """Return the limits of a curve as attributes of NRML; `factor`: OpenQuake's unit [unit of the curve]."""
+    """Return the limits of a curve as attributes of NRML; `factor` is OpenQuake's unit in units of the
+    curve."""
     largest = max(float(curve[name]) for name in ("median_capacity", *LIMITS.values()) if name in curve)
     highest = largest / factor * math.exp(MAX_DEVIATIONS * float(curve["dispersion"]))
     stated = {key: f"{float(curve[name]) / factor:.15g}" for key, name in LIMITS.items() if name in curve}

@@ -15,7 +15,7 @@ from rockjax._tree import Module
 class Filter(Module):
     """A second-order filter with the transfer function (b₂ s² + b₁ s + b₀)/(s² + a₁ s + a₀).
 
-    The filter starts from rest. Several filters in series form a filter of higher order.
+    s is the Laplace variable. The filter starts from rest. Filters in series form a filter of higher order.
 
     - `numerator`: (b₂, b₁, b₀), shape (3,) [–, 1/s, 1/s²]
     - `denominator`: (a₁, a₀), shape (2,), both > 0, so that the filter is stable [1/s, 1/s²]
@@ -58,8 +58,7 @@ class Filter(Module):
     def layer(cls, omega: Any, zeta: Any) -> Self:
         """Return the filter (2ζω s + ω²)/(s² + 2ζω s + ω²), a soil layer (Kanai 1957, Tajimi 1960).
 
-        The filter has the transfer function of an oscillator from ground acceleration to absolute
-        acceleration.
+        It maps the ground acceleration of an oscillator to the absolute acceleration of its mass.
 
         - `omega`: frequency ω, > 0 [rad/s]; `zeta`: damping ratio ζ, > 0 [–]
         """
@@ -82,13 +81,13 @@ def _denominator(omega: Array, zeta: Array) -> Array:
 def append_filters(
     dynamics: Float[Array, "m m"], output: Float[Array, " m"], filters: tuple[Filter, ...]
 ) -> tuple[Float[Array, "k k"], Float[Array, " k"]]:
-    """Add filters in series to a system ṡ = A s with the output C s, and return its new A and C.
+    """Add filters in series to a system ż = A z with the output C z, and return the new A and C.
 
     - `dynamics`: A, shape (m, m); `output`: C, shape (m,)
     - `filters`: filters, in the order in which the output passes them
 
-    Each filter adds two states x and ẋ, where ẍ + a₁ẋ + a₀x is the input of the filter. The output of the
-    last filter is the new output.
+    Each filter adds the states x and ẋ with ẍ + a₁ẋ + a₀x = input. Its output is b₂ẍ + b₁ẋ + b₀x. The output
+    of the last filter is the output of the new system. The new A has k = m + 2·(number of filters) rows.
     """
     size = len(output)
     added = 2 * len(filters)

@@ -1,18 +1,18 @@
-"""Gaussian ground motions: modulated white noise, filtered after Kanai–Tajimi and Clough–Penzien.
+"""Gaussian ground motions: white noise with an envelope, in the filters of Kanai–Tajimi and Clough–Penzien.
 
 The noise has the value w_j = u_j e(t_j) √(2π S₀/dt) in the sampling interval from t_j to t_j + dt. Here u ∈
 ℝⁿ is a vector of independent standard normal numbers, e(t) the envelope, and S₀ the spectral density. The
-noise passes, from rest, through a soil layer with the frequency ω_g and the damping ratio ζ_g, and a
-high-pass filter with ω_f and ζ_f. With the relative displacement x and the absolute acceleration a_g of the
-layer, and the state y of the high-pass filter,
+noise passes through two filters, which start from rest: a soil layer with the frequency ω_g and the damping
+ratio ζ_g, and a high-pass filter with ω_f and ζ_f. With the relative displacement x and the absolute
+acceleration a_g of the layer, and the state y of the high-pass filter,
 
     ẍ + 2ζ_g ω_g ẋ + ω_g² x = −w,   a_g = −(2ζ_g ω_g ẋ + ω_g² x),
     ÿ + 2ζ_f ω_f ẏ + ω_f² y = a_g,   ü_g(t_j) = ÿ(t_j).
 
 Further filters may follow. All filters are linear, and ü_g(t_j) depends only on earlier noise. Therefore
 ü_g = A u, where A is lower triangular with a zero diagonal. A recurrence computes the product A u in O(n)
-operations; in reverse mode, the product with the transpose of A needs as many. A model may also have a random
-pulse, which is added to A u and depends on three further entries of u.
+operations. Reverse-mode differentiation multiplies by the transpose of A, which also takes O(n) operations. A
+model may also have a random pulse, which is added to A u and depends on three further entries of u.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     import xarray
 
 Number = Float[Array, ""]
-MAX_SQUARINGS = 48  # squarings for a matrix exponential; enough for matrices with a norm up to 1e14
+MAX_SQUARINGS = 48  # most squarings for a matrix exponential; enough for matrices with a norm up to 1e14
 
 
 class Envelope(Module):
@@ -51,7 +51,8 @@ class Envelope(Module):
 
     - `t_1`: end of the rise, > 0 [s]; `t_2`: start of the decay, ≥ t₁ [s]; `c`: rate of the decay, ≥ 0 [1/s]
 
-    A `GaussianMotion` also accepts any other function t ↦ e(t) of arrays.
+    A `GaussianMotion` also accepts any other function t ↦ e(t) that maps an array of times to an array of the
+    same shape. Raises `ValueError` for parameters outside their ranges.
     """
 
     t_1: Number = eqx.field(converter=as_float, default=2.0)
@@ -77,8 +78,8 @@ class Envelope(Module):
 class RandomPulse(Module):
     """A near-fault pulse of random amplitude, period and phase (Mavroeidis & Papageorgiou 2003).
 
-    The pulse is added to the noise. Its amplitude, period and phase follow from the last three entries of u
-    by inverse transform sampling.
+    The pulse is added to the filtered noise. Its amplitude, period and phase follow from the last three
+    entries of the vector u, which determines the motion, by inverse transform sampling.
 
     - `amplitude`: distribution of the velocity amplitude A, a [`rockjax.Lognormal`][] [m/s]
     - `period`: distribution of the period T_p = 1/f_p, a [`rockjax.Lognormal`][] [s]
@@ -120,21 +121,24 @@ def _as_tuple(filters: Any) -> tuple:
 
 
 class GaussianMotion(Module):
-    """Ground motions ü_g = A u, plus a random pulse if there is one, of standard normal u (Kanai–Tajimi,
-    Clough–Penzien).
+    """Random ground motions: white noise in the filters of Kanai–Tajimi and Clough–Penzien, and a pulse.
+
+    A vector u of independent standard normal numbers determines the motion. Without a pulse the motion is
+    ü_g = A u, where the matrix A depends only on the parameters. The pulse is optional and is added to A u.
 
     - `n`: number of samples, ≥ 2; `dt`: sampling interval, > 0 [s]
     - `S_0`: two-sided spectral density of the white noise, > 0 [m²/s³]
     - `omega_g`, `zeta_g`: frequency [rad/s] and damping ratio [–] of the soil, > 0
     - `omega_f`, `zeta_f`: frequency [rad/s] and damping ratio [–] of the high-pass filter, > 0
     - `envelope`: function t ↦ e(t), by default a [`rockjax.Envelope`][]
-    - `pulse`: a [`rockjax.RandomPulse`][] that is added to the noise, or None
-    - `filters`: a [`rockjax.Filter`][] or several, which follow the soil and the high-pass filter
+    - `pulse`: a [`rockjax.RandomPulse`][], or None
+    - `filters`: one [`rockjax.Filter`][] or more, which follow the soil and the high-pass filter in this
+      order
 
     Motions are differentiable with respect to u and every parameter. [`rockjax.synthetic_motions`][] is a
-    different model: it filters stationary noise first, and then applies Saragoni & Hart's envelope, a
-    correction to end at rest, and a scale factor for PGA. Here the envelope comes before the filters, so
-    velocity and displacement decay without a correction. Without a pulse, ü_g is linear in u.
+    different model. It filters stationary noise first, then applies Saragoni & Hart's envelope, corrects the
+    motion so that it ends at rest, and scales it to a PGA. Here the envelope comes before the filters, so
+    velocity and displacement decay without a correction.
 
     Raises `ValueError` for parameters outside their ranges.
     """
@@ -176,14 +180,14 @@ class GaussianMotion(Module):
         return jnp.arange(self.n, dtype=float) * self.dt
 
     def acceleration(self, u: Float[Array, "*batch d"]) -> Float[Array, "*batch n"]:
-        """Return ü_g at the samples (…, n) [m/s²], for u of shape (…, dimension)."""
+        """Return ü_g at the samples, shape (…, n) [m/s²], for u of shape (…, dimension)."""
         u = as_float(u)
         if u.ndim == 0 or u.shape[-1] != self.dimension:
             raise ValueError(f"GaussianMotion: u must have shape (…, {self.dimension}), got {u.shape}")
         return _acceleration(self, u)
 
     def _single_acceleration(self, u: Float[Array, " d"]) -> Float[Array, " n"]:
-        """Return ü_g (n,) for one u (d,)."""
+        """Return ü_g, shape (n,) [m/s²], for one u, shape (d,)."""
         transition, gain, output = self._discrete_filters()
 
         def advance(state, w):
@@ -194,7 +198,7 @@ class GaussianMotion(Module):
         return motion if self.pulse is None else motion + self.pulse(u[self.n :], self.t)
 
     def _noise_deviation(self) -> Float[Array, " n"]:
-        """Return the standard deviation of the noise w at every sample (n,) [m/s²]."""
+        """Return the standard deviation of the noise w at every sample, shape (n,) [m/s²]."""
         return self.envelope(self.t) * jnp.sqrt(2 * math.pi * self.S_0 / self.dt)
 
     def record(self, u: Float[Array, "*batch d"]) -> Record:
@@ -202,11 +206,11 @@ class GaussianMotion(Module):
         return Record(self.acceleration(u), self.dt)
 
     def _discrete_filters(self) -> tuple[Float[Array, "k k"], Float[Array, " k"], Float[Array, " k"]]:
-        """Return (Φ, Γ, C) of the filters in discrete time.
+        """Return the matrices (Φ, Γ, C) that describe the filters in discrete time.
 
-        The states s are (x, ẋ, y, ẏ) and two for each further filter. Over a sampling interval with the noise
-        w, they advance to Φ s + Γ w. This is exact, because w is constant in the interval. The motion is
-        ü_g = C s.
+        The states s are x, ẋ, y, ẏ, and two more for each further filter. Over a sampling interval with the
+        noise w, the states advance from s to Φ s + Γ w. This is exact, because w is constant in the interval.
+        The motion is ü_g = C s.
         """
         zero, one = jnp.zeros(()), jnp.ones(())
         stiff_g, damp_g = self.omega_g**2, 2 * self.zeta_g * self.omega_g
@@ -223,7 +227,7 @@ class GaussianMotion(Module):
         dynamics, output = append_filters(dynamics, output, self.filters)
         size = len(output)
         block = jnp.zeros((size + 1, size + 1)).at[:size, :size].set(dynamics).at[1, size].set(-1.0)
-        # If a filter is much faster than dt, the matrix has large entries and needs many squarings.
+        # If the period of a filter is much shorter than dt, the matrix is large and needs many squarings.
         block = jax.scipy.linalg.expm(block * self.dt, max_squarings=MAX_SQUARINGS)
         return block[:size, :size], block[:size, size], output
 
@@ -240,8 +244,10 @@ class GaussianMotion(Module):
         return jnp.sqrt(variance)
 
     def scaled(self, factor) -> Self:
-        """Return the model whose motions are multiplied by a factor > 0. S₀ is multiplied by the square of
-        the factor, and the median amplitude of the pulse by the factor."""
+        """Return the model whose motions are `factor` times as strong, with `factor` > 0.
+
+        S₀ is multiplied by the square of the factor, and the median amplitude of the pulse by the factor.
+        """
         motion = eqx.tree_at(lambda m: m.S_0, self, self.S_0 * jnp.asarray(factor, float) ** 2)
         if self.pulse is None:
             return motion
@@ -262,8 +268,8 @@ class GaussianMotion(Module):
         - `count`: number of motions, ≥ 2; `seed`: seed of the random numbers; equal seeds give equal results
 
         Returns a Dataset over `period`: `median`, `fractile_16` and `fractile_84` of Sa [m/s²], and
-        `dispersion`, the standard deviation of ln Sa [–]. Sa is exact for motions that are linear between
-        samples. Raises `ValueError` for arguments outside their ranges.
+        `dispersion`, the standard deviation of ln Sa [–]. Motions are taken to be linear between samples; for
+        such motions Sa is exact. Raises `ValueError` for arguments outside their ranges.
         """
         if isinstance(count, bool) or not isinstance(count, int) or count < 2:
             raise ValueError(
@@ -290,14 +296,14 @@ class GaussianMotion(Module):
         )
 
     def samples(self, count: int, *, seed: int) -> Float[Array, "count d"]:
-        """Return standard normal u (count, dimension); equal seeds give equal samples."""
+        """Return standard normal u, shape (count, dimension); equal seeds give equal samples."""
         if not isinstance(count, int) or count < 1:
             raise ValueError(f"GaussianMotion.samples: count must be a whole number >= 1, got {count!r}")
         return as_float(np.random.default_rng(seed).standard_normal((count, self.dimension)))
 
 
 def _filtered(motion: GaussianMotion, u: Float[Array, "*batch d"]) -> Float[Array, "*batch n"]:
-    """Return ü_g for a batch of u."""
+    """Return ü_g, shape (…, n) [m/s²], for a batch of u, shape (…, d)."""
     return jnp.vectorize(motion._single_acceleration, signature="(d)->(n)")(u)
 
 

@@ -23,13 +23,14 @@ if TYPE_CHECKING:
 class Hazard(Module):
     """A hazard curve λ(x): the mean annual rate at which the intensity x is exceeded [1/year].
 
-    ln λ is linear in ln x between the points of the curve. The first and the last segment are extrapolated.
+    Between the points of the curve, ln λ is linear in ln x. Beyond them, the first and the last segment are
+    extrapolated.
 
     - `intensity`: intensities x₁ < … < x_n of the points, shape (n,), n ≥ 2, > 0 [`units`]
     - `annual_rate`: rates λ₁ ≥ … ≥ λ_n > 0 of the points, shape (n,) [1/year]
-    - `measure`: the intensity measure, as in [`rockjax.Measure`][]: `"PGA"`, `"PGV"`, `"Sa(1 s)"` …
-    - `units`: units of the intensity: `"m s-2"`, `"m s-1"`, `"g"` …. Functions that combine a hazard with
-      a fragility need the same units for both; `in_si` converts the hazard
+    - `measure`: name of the intensity measure, as in [`rockjax.Measure`][]: `"PGA"`, `"PGV"`, `"Sa(1 s)"` …
+    - `units`: units of the intensity: `"m s-2"`, `"m s-1"`, `"g"` …. A hazard and a fragility that are
+      combined must have the same units; `in_si` converts the hazard
 
     Raises `ValueError` for other shapes, for values that are not finite and > 0, for intensities that do not
     ascend, and for rates that increase.
@@ -66,14 +67,16 @@ class Hazard(Module):
 
     @property
     def logarithms(self) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-        """ln x and ln λ of the points, (n,) each."""
+        """ln x and ln λ of the points, shape (n,) each."""
         return jnp.log(self.intensity), jnp.log(self.annual_rate)
 
     def intensity_at(self, annual_rate) -> Float[Array, "*m"]:
-        """Return the intensities [`units`] that are exceeded at the given annual rates, > 0 [1/year].
+        """Return the intensities that are exceeded at the given annual rates, in the same shape [`units`].
 
-        Raises `ValueError` for rates that are not finite and > 0, and for a curve that has the same rate at
-        two points, because it has no inverse there.
+        - `annual_rate`: rates, > 0, a number or an array of any shape [1/year]
+
+        Raises `ValueError` for rates that are not finite and > 0, and for a curve with the same rate at two
+        points, because such a curve has no inverse.
         """
         rate = np.asarray(annual_rate, float)
         require("Hazard.intensity_at", "annual_rate", rate, lambda v: v > 0, "finite and > 0")
@@ -88,8 +91,10 @@ class Hazard(Module):
         return jnp.asarray(np.exp(log_x[i] + slope * (np.log(rate) - log_rate[i])))
 
     def in_si(self) -> Hazard:
-        """Return the curve with intensities in SI units, as in the fragilities of rockjax. Raises
-        `ValueError` if `units` is not a known unit."""
+        """Return the curve with intensities in SI units, which are the units of the fragilities of rockjax.
+
+        Raises `ValueError` if `units` is not a known unit.
+        """
         factor_and_units = in_si(self.units)
         if factor_and_units is None:
             raise ValueError(
@@ -103,11 +108,13 @@ class Hazard(Module):
         """Read a hazard curve from a file, in SI units.
 
         - `path`: a hazard-curve CSV of OpenQuake (`lon,lat,depth,poe-0.1,…`); or a CSV with two columns. One
-          column has the intensity, with measure and unit in its heading (`PGA [g]`, `Sa(1 s), %g`). The other
-          gives how often this intensity is exceeded: `annual_rate`, `return period [years]`, or a probability
-          with its investigation time (`PoE in 50 years`, `annual probability of exceedance`). Probabilities
-          p in t years become rates −ln(1 − p)/t; points with p = 0 or 1 are left out
-        - `site`: row of an OpenQuake file, from 0; None if the file has one curve
+          column has the intensities, and its heading gives measure and unit (`PGA [g]`, `Sa(1 s), %g`). The
+          other column states how often each intensity is exceeded. Its heading is `annual_rate`,
+          `return period [years]`, or a probability of exceedance with its investigation time, such as `PoE in
+          50 years` or `annual probability of exceedance`. A probability p in t years becomes the rate
+          −ln(1 − p)/t; points with p = 0 or 1 are left out
+        - `site`: index of the curve in an OpenQuake file with several sites, from 0; None for a file with one
+          curve
 
         Raises `ValueError` for headings that are not understood (the message quotes them), for probabilities
         without an investigation time, for other files, and for invalid curves.

@@ -1,7 +1,9 @@
 """The integral ∫ F(x) |dλ(x)| of a fragility F along a hazard curve λ, in closed form on every segment.
 
-ln λ is linear in ln x between the points of a hazard curve, and the first and last segment are extrapolated.
-On a segment, λ = k₀ x^(−k). For a lognormal F = Φ(z), z = (ln x − ln m)/β, with median m and dispersion β,
+The hazard curve λ(x) is the mean annual rate at which the intensity x is exceeded. Between the points of the
+curve, ln λ is linear in ln x; the first and the last segment are extrapolated. On a segment, λ = k₀ x^(−k)
+with the constants k₀ and k. A lognormal fragility is F = Φ(z), z = (ln x − ln m)/β, with the median m, the
+dispersion β and the standard normal distribution function Φ. On a segment,
 
     ∫ F |dλ| = [−F λ] + k₀ m^(−k) e^(k²β²/2) [Φ(z + kβ)],
 
@@ -20,10 +22,14 @@ from jaxtyping import Array, ArrayLike, Float
 
 
 class Contributions(NamedTuple):
-    """Contributions of parts of a hazard curve to ∫ F |dλ| [1/year].
+    """Contributions to ∫ F |dλ| [1/year].
+
+    A piece of the hazard curve is a segment, or a part of a segment if the limits or the points of F divide
+    it.
 
     - `below`: contribution of intensities below the first point of the hazard curve
-    - `between`: contributions of the pieces of the curve between the first and the last point
+    - `between`: contribution of each piece between the first and the last point; 0 for pieces that count as
+      `below` or `above`
     - `above`: contribution of intensities above the last point
     """
 
@@ -37,11 +43,12 @@ class Contributions(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """Intensities at which a fragility curve is cut off or held constant; None for no limit.
+    """Intensities at which a fragility curve F is cut off or held constant; None for no limit.
 
     - `zero_below`: F(x) = 0 up to this intensity
-    - `constant_below`: below this intensity, F has its value at this intensity; None with `zero_below`
-    - `constant_above`: above this intensity, F has its value at this intensity
+    - `constant_below`: below this intensity, F equals its value at this intensity. Must be None if
+      `zero_below` is given
+    - `constant_above`: above this intensity, F equals its value at this intensity
     """
 
     zero_below: Float[ArrayLike, ""] | None = None
@@ -63,13 +70,15 @@ def log_rate_at(
 
 
 def _log_difference(low: Array, high: Array) -> Array:
-    """Return ln[Φ(high) − Φ(low)] for low < high, each finite or infinite. To avoid cancellation, Φ(−high)
-    and Φ(−low) are used instead if low + high > 0."""
+    """Return ln[Φ(high) − Φ(low)] for low < high, each finite or infinite.
+
+    If low + high > 0, the equal expression ln[Φ(−low) − Φ(−high)] is used, to avoid cancellation.
+    """
     is_upper_tail = low + high > 0
     a, b = jnp.where(is_upper_tail, -high, low), jnp.where(is_upper_tail, -low, high)
     larger, smaller = norm.logcdf(b), norm.logcdf(a)
     difference = smaller - larger
-    # A difference that rounds to zero counts as 1e-300, so that its logarithm is finite.
+    # A difference that rounds to zero is replaced by −1e-300, so that the result is finite.
     return larger + jnp.log(-jnp.expm1(jnp.where(difference < 0, difference, -1e-300)))
 
 
@@ -82,12 +91,12 @@ def integrate_lognormal(
 ) -> Contributions:
     """Return the contributions to ∫ F |dλ| for F = Φ(ln(x/median)/dispersion), with limits.
 
-    - `log_x`, `log_rate`: ln x and ln λ of the points of the hazard curve, ascending in x, (n,)
+    - `log_x`, `log_rate`: ln x and ln λ of the points of the hazard curve, ascending in x, shape (n,) each
     - `median`, `dispersion`: median m, > 0 [unit of x], and dispersion β, > 0 [–], of the fragility
-    - `limits`: intensities at which F is cut off or held constant
+    - `limits`: intensities at which F is cut off or held constant [unit of x]
 
-    If `constant_below` keeps F > 0 at low intensities, this constant part counts only above the first point
-    of the hazard curve, because below this point the extrapolated rate grows without bound.
+    The part of F that `constant_below` holds constant counts only above the first point of the hazard curve,
+    because the extrapolated rate grows without bound as x tends to 0.
     """
     k = segment_slopes(log_x, log_rate)
     zero_below, constant_below, upper = (None if x is None else jnp.log(x) for x in limits)
@@ -129,10 +138,14 @@ def _integrate_without_limits(
     median: Float[Array, ""],
     dispersion: Float[Array, ""],
 ) -> Contributions:
-    """Return the contributions to ∫ F |dλ| without limits; `k` is the exponent of each segment."""
+    """Return the contributions to ∫ F |dλ| without limits.
+
+    - `k`: exponent of each segment, shape (n − 1,)
+    - other arguments: as for `integrate_lognormal`
+    """
     z = (log_x - jnp.log(median)) / dispersion
     F, rate = norm.cdf(z), jnp.exp(log_rate)
-    # ln(k₀ m^(−k) e^(k²β²/2)), with k₀ from the left end of each segment.
+    # ln(k₀ m^(−k) e^(k²β²/2)) of each segment; its left end gives k₀.
     log_factor = log_rate[:-1] + k * (log_x[:-1] - jnp.log(median)) + 0.5 * (k * dispersion) ** 2
     shift = k * dispersion
     between = (
@@ -154,8 +167,9 @@ def integrate_piecewise_linear(
 
     F is zero below its first point and constant above its last point.
 
-    - `log_x`, `log_rate`: ln x and ln λ of the points of the hazard curve, ascending in x, (n,)
-    - `x`: intensities of the points of F, ascending, > 0, (m,); `share`: F at `x`, (m,), with share[0] = 0
+    - `log_x`, `log_rate`: ln x and ln λ of the points of the hazard curve, ascending in x, shape (n,) each
+    - `x`: intensities of the points of F, ascending, > 0, shape (m,)
+    - `share`: F at `x`, shape (m,); its first element must be 0
 
     Intensities above the last point of F count as `above`, even within the hazard curve.
     """
@@ -179,7 +193,7 @@ def integrate_piecewise_linear(
 
 
 def _linear_piece(a, b, k, k_0, offset, slope):
-    """Return ∫ (offset + slope·x) k k₀ x^(−k−1) dx from a to b > a > 0."""
+    """Return ∫ (offset + slope·x) |dλ| from a to b > a > 0, with λ = k₀ x^(−k), |dλ| = k k₀ x^(−k−1) dx."""
     constant = offset * k_0 * (a**-k - b**-k)
     exponent, width = 1 - k, jnp.log(b / a)
     growth = jnp.where(

@@ -20,8 +20,9 @@ MIN_BATCH, MAX_BATCH = 8, 4096
 class AbstractLimitState(abc.ABC):
     """Interface of a limit state for the search for design points and for the estimators.
 
-    - `dimension`: length d of u; `mirrored`: whether G(−u) = G(u) for all u
-    - `scenes`: number of points u evaluated so far
+    - `dimension`: length d of u
+    - `mirrored`: True if G(−u) = G(u) for all u
+    - `scenes`: number of points u at which G has been evaluated
     """
 
     dimension: int
@@ -32,14 +33,14 @@ class AbstractLimitState(abc.ABC):
         self.scenes = 0
 
     def values(self, u: np.ndarray) -> np.ndarray:
-        """Return G (m,) at the rows of u (m, d). Raises `ValueError` if G is NaN."""
+        """Return G, shape (m,), at the rows of u, shape (m, d). Raises `ValueError` if a value is NaN."""
         self.scenes += len(u)
         if len(u) == 0:
             return np.zeros(0)
         return self._require_no_nan(u, np.asarray(self._values(u), float))
 
     def gradients(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return G (m,) and ∇G (m, d) at the rows of u (m, d). Raises `ValueError` if G is NaN."""
+        """Return G, shape (m,), and ∇G, shape (m, d), at the rows of u. Raises `ValueError` if G is NaN."""
         self.scenes += len(u)
         value, slope = self._gradients(u)
         return self._require_no_nan(u, np.asarray(value, float)), np.asarray(slope, float)
@@ -47,14 +48,16 @@ class AbstractLimitState(abc.ABC):
     def with_sensitivities(
         self, u: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]] | None:
-        """Return G (m,), ∇G (m, d), and ∂G/∂y (m,) for every named parameter y of the limit state; None if
-        there are no named parameters."""
+        """Return G, shape (m,), ∇G, shape (m, d), and ∂G/∂y, shape (m,), by the name of the parameter y.
+
+        Return None if the limit state has no named parameters.
+        """
         del u
         return None
 
     @staticmethod
     def _require_no_nan(u: np.ndarray, value: np.ndarray) -> np.ndarray:
-        """Return the values of G at the rows of u. Raises `ValueError` if one is NaN."""
+        """Return `value`, the values of G at the rows of u. Raises `ValueError` if one is NaN."""
         is_nan = np.isnan(value)
         if is_nan.any():
             distance = np.linalg.norm(u[np.argmax(is_nan)])
@@ -66,17 +69,19 @@ class AbstractLimitState(abc.ABC):
 
     @abc.abstractmethod
     def _values(self, u: np.ndarray) -> np.ndarray:
-        """Return G (m,) for `values`."""
+        """Return G, as `values` does, without its check."""
 
     @abc.abstractmethod
     def _gradients(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return G (m,) and ∇G (m, d) for `gradients`."""
+        """Return G and ∇G, as `gradients` does, without its check."""
 
 
 def evaluate_padded(u: np.ndarray, call: Callable) -> tuple[np.ndarray, ...]:
-    """Evaluate `call` for the rows of u (m, d), in batches of a few fixed sizes.
+    """Evaluate `call` for the rows of u, shape (m, d), in batches of a few fixed sizes.
 
-    `call` maps a batch to a tuple of arrays. Batches are padded by repeating the last row.
+    - `call`: function of a batch of rows that returns a tuple of arrays with one row for each of them
+
+    Batches are padded with copies of their last row.
     """
     results = []
     for start in range(0, len(u), MAX_BATCH):
@@ -101,8 +106,9 @@ class FunctionLimitState(AbstractLimitState):
 
     def _gradients(self, u):
         value, slope = evaluate_padded(u, self._jitted_value_and_grad)
-        # The derivative of `jnp.min` looks for the entry that equals the minimum. Compiled code may round the
-        # entries differently and find none; then the derivative is zero. Outside jit, the entry is found.
+        # If G uses `jnp.min`, compiled code may return a zero gradient: the derivative of `jnp.min` looks for
+        # the entry that equals the minimum, and finds none if both are rounded differently. Outside jit the
+        # entry is found, so zero gradients are computed again there.
         is_zero = ~slope.any(axis=1)
         if is_zero.any():
             outside_jit = self._value_and_grad(jnp.asarray(u[is_zero]))

@@ -1,8 +1,9 @@
-"""Crossings of straight lines in standard normal space with the surface of failure, in one batch.
+"""Crossings of straight lines with the surface of failure, in the space of standard normal vectors u.
 
-Failure is G ≤ 0, with the limit state function G. G is evaluated at positions c along each line. Intervals
-between neighbouring positions with one surviving and one failing end are divided further. All ranges of c in
-which a line survives or fails are found if they are wider than the distance between neighbouring positions.
+Failure is G(u) ≤ 0, with the limit state function G. All lines are evaluated together, in batches. G is
+evaluated at positions c along each line. The interval between two neighbouring positions is divided further
+if one of them survives and the other fails. A range of c in which a line survives or fails may be missed only
+if it lies between two neighbouring positions.
 """
 
 from __future__ import annotations
@@ -20,13 +21,14 @@ from .limit_state import AbstractLimitState
 class Division(NamedTuple):
     """Settings for the division of intervals with a crossing.
 
-    An interval is divided into `parts` equal parts, and also at two positions around the root of its secant,
-    the straight line through G at both ends.
+    An interval is divided into `parts` equal parts. It is also divided at two positions around the root of
+    its secant, the straight line through the values of G at both ends.
 
-    - `rounds`: largest number of successive divisions; `parts`: number of equal parts of a division
+    - `rounds`: largest number of successive divisions
+    - `parts`: number of equal parts of a division
     - `root_offset`: distance of the two positions from the root, divided by the length of the interval [–]
-    - `min_share`: after a division, intervals narrower than this share of the narrowest initial interval are
-      not divided further [–]
+    - `min_share`: intervals narrower than this share of the narrowest initial interval with a crossing are
+      not divided again [–]
     """
 
     rounds: int = 3
@@ -38,11 +40,12 @@ class Division(NamedTuple):
 class LineCrossings(NamedTuple):
     """The k crossings of m lines with the surface of failure, in ascending order along each line.
 
-    - `line`: index of the line, (k,)
-    - `position`: c of the crossing on the line, on the failing side, (k,); `G`: G at this position, (k,)
-    - `survivor`: the nearest evaluated position on the surviving side, (k,)
-    - `enters`: True if the line enters failure with ascending c, False if it leaves failure, (k,)
-    - `fails_first`, `fails_last`: whether each line fails at its first and its last position, (m,)
+    - `line`: index of the line, shape (k,)
+    - `position`: position c of the crossing on the line, slightly on the failing side, shape (k,)
+    - `survivor`: the nearest evaluated position on the surviving side, shape (k,)
+    - `G`: value of G at `position`, shape (k,)
+    - `enters`: True if the line enters failure with ascending c, False if it leaves failure, shape (k,)
+    - `fails_first`, `fails_last`: whether each line fails at its first and at its last position, shape (m,)
     """
 
     line: np.ndarray
@@ -55,7 +58,10 @@ class LineCrossings(NamedTuple):
 
 
 class _Intervals(NamedTuple):
-    """The k intervals between positions `a` < `b` on lines, with G at both ends: `G_a`, `G_b`; all (k,)."""
+    """The k intervals between positions `a` < `b` on lines. `G_a` and `G_b` are the values of G at the ends.
+
+    All fields have the shape (k,).
+    """
 
     line: np.ndarray
     a: np.ndarray
@@ -68,12 +74,11 @@ class _Intervals(NamedTuple):
         return self.select((self.G_a <= 0) != (self.G_b <= 0))
 
     def select(self, rows: np.ndarray) -> _Intervals:
-        """Return the intervals with these indices, or where a mask is True."""
+        """Return the intervals with the indices `rows`, or those for which the mask `rows` is True."""
         return _Intervals(*(y[rows] for y in self))
 
     def inner_points(self, division: Division) -> np.ndarray:
-        """Return positions inside the intervals: evenly spaced ones, and two around the root of the secant,
-        shape (k, positions)."""
+        """Return the positions at which the intervals are divided, shape (k, positions)."""
         fraction = points_near_root(self.G_a, self.G_b, division.parts - 1, division.root_offset)
         return self.a[:, None] + (self.b - self.a)[:, None] * fraction
 
@@ -88,8 +93,8 @@ def find_crossings(
     """Return the crossings of the lines origin + c·direction with the surface of failure.
 
     - `limit`: limit state
-    - `origin`, `direction`: origin and direction of each line, (m, d)
-    - `positions`: values of c at which each line is evaluated, ascending, one array per line
+    - `origin`, `direction`: origin and direction of each line, shape (m, d) each
+    - `positions`: for each line, an array of the values of c at which the line is evaluated, ascending
     - `division`: settings for the division of intervals with a crossing
     """
     sizes = np.array([len(c) for c in positions])
@@ -112,10 +117,10 @@ def narrow_crossings(
     """Find the crossings between positions at which G has been evaluated, and narrow them down.
 
     - `limit`: limit state
-    - `origin`, `direction`: origin and direction of each line, (m, d)
-    - `line`: index of the line of each position, ascending, (k,); `c`: positions, ascending on each line,
-      (k,)
-    - `value`: G at the positions, (k,)
+    - `origin`, `direction`: origin and direction of each line, shape (m, d) each
+    - `line`: index of the line of each position, ascending, shape (k,)
+    - `c`: positions, ascending on each line, shape (k,)
+    - `value`: values of G at the positions, shape (k,)
     - `division`: settings for the division of intervals with a crossing
 
     Returns `line`, `position`, `survivor`, `G` and `enters` as in `LineCrossings`.

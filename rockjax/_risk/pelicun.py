@@ -1,4 +1,4 @@
-"""Fragilities of contents as a table of component fragilities for pelicun."""
+"""Fragilities of contents as a table of component fragilities for pelicun, a program for loss assessment."""
 
 from __future__ import annotations
 
@@ -26,12 +26,13 @@ def write_pelicun(path: str | Path, fragility: xarray.Dataset) -> Path:
     - `path`: file to write
     - `fragility`: dataset of [`rockjax.contents_fragility`][] for the measure PGA, PGV or Sa(T s)
 
-    Each block of the contents is a component, with the block's name as `ID`. Each damage state is a limit
-    state `LS1` … with the lognormal median `Theta_0`, in m/s² or m/s, and dispersion `Theta_1`. The demand is
-    the intensity of the ground motion at the location of the component, along the direction in which the
-    component rocks: `Demand-Offset` 0, `Demand-Directional` 1. If a limit state has no curve, its cells are
-    empty, and the component has `Incomplete` 1. Returns the path. Raises `ValueError` for other datasets and
-    other measures.
+    Each block of the contents is a component, whose `ID` is the name of the block. Each damage state is a
+    limit state `LS1`, `LS2`, … with a lognormal curve: `Theta_0` is the median, in m/s² or m/s, and `Theta_1`
+    the dispersion. The demand is the intensity of the ground motion at the location of the component
+    (`Demand-Offset` 0) along the direction in which the component rocks (`Demand-Directional` 1). If a limit
+    state has no curve, its cells are empty, and the component has `Incomplete` 1.
+
+    Returns the path. Raises `ValueError` for other datasets and other measures.
     """
     owner = "write_pelicun"
     if getattr(fragility, "attrs", {}).get("kind") != "contents-fragility":

@@ -1,19 +1,20 @@
-"""Probabilities of failure of several structures from one sample, by rays through failing samples.
+"""Probabilities of failure of several structures, along rays through the failing samples of one structure.
 
-A vector u of independent standard normal numbers determines the ground motion. A ray is a half-line from u =
-0 in a direction e. The ray crosses the surface of failure at distances r from the origin, and its probability
-of failure is q(e) = Σ ±Q(r): + where the ray enters failure, − where it leaves. Q(r) is the probability that
-|u| > r (the upper tail of the chi distribution). The mean over all directions is P = E q(e). If motions are
-multiplied by a factor k, the ray has q(e; k) = Σ ±Q(r/k).
+A vector u of independent standard normal numbers determines the ground motion. A ray is a half-line from the
+origin u = 0 in a direction e. The ray crosses the surface of failure at distances r from the origin. The
+probability of failure of the ray is q(e) = Σ ±Q(r), summed over the crossings: + where the ray enters
+failure, − where it leaves failure. Q(r) is the probability that |u| > r (the upper tail of the chi
+distribution). The probability of failure of the structure is the mean over all directions, P = E q(e). If
+motions are multiplied by a factor k, the ray has q(e; k) = Σ ±Q(r/k).
 
-The directions of failing samples of a first structure (index 0) have the density q₀/P₀ relative to the
-uniform distribution of directions. For another structure, with u multiplied by k, the probability is
-therefore
+Rays are drawn through failing samples of a first structure, with the index 0. Their directions have the
+density q₀/P₀ relative to the uniform distribution of directions. For another structure, with u multiplied by
+k, the probability of failure is therefore
 
     P(k) = P₀ E[q(e; k)/q₀(e)],
 
-a mean over the directions of these samples. P(k) is as smooth as the positions of the crossings, whose
-derivatives follow from the implicit function theorem. The sampling error of P₀ is common to all structures.
+where the mean E is over these directions. P(k) is as smooth as the distances r of the crossings. Derivatives
+of r follow from the implicit function theorem. The sampling error of P₀ is common to all structures.
 """
 
 from __future__ import annotations
@@ -30,14 +31,16 @@ from .limit_state import AbstractLimitState
 from .lines import Division, narrow_crossings
 from .structure import StructureLimitState
 
-SPACING = 0.3  # approximate distance between positions on a ray; the standard deviation of |u| is 0.71
+# Distance between positions on a ray near |u| = √d. If the dimension d is high, |u| scatters around √d with
+# the standard deviation 0.71.
+SPACING = 0.3
 BELOW_SCAN, ABOVE_SCAN = 1e-7, 1e-9  # probabilities that |u| lies below and above the scanned part of a ray
 RANGE_FACTOR = 1.1  # factor by which the scanned range of k is extended on both sides
-MAX_FACTOR = 100.0  # largest factor on u, and the inverse of the smallest
+MAX_FACTOR = 100.0  # largest factor k on u; the smallest is 1/MAX_FACTOR
 LOG_TOLERANCE = 0.7  # accepted difference of ln P from its target
 MAX_SCENES = 10_000_000  # largest number of scenes of the sample from which rays are drawn
-TRIALS = 12  # largest number of trial factors on u
-TRIAL_SAMPLES = 200  # number of samples of a level in the runs of a trial
+TRIALS = 12  # largest number of trial factors on u; each trial is a subset simulation
+TRIAL_SAMPLES = 200  # number of samples of a level in a trial
 TRIAL_SHARE = 0.1  # share of these samples that passes to the next level
 UNREFINED = Division(rounds=0)  # crossings at the scanned positions
 REFINED = Division(
@@ -45,7 +48,7 @@ REFINED = Division(
 )  # accurate enough to start Newton steps
 SHARP = Division(rounds=3, parts=16)  # for crossings at which a Newton step fails and G may jump
 MAX_WEIGHT = 5.0  # largest weight of a ray, divided by the median weight
-JUMP_STEP = 1e-4  # G counts as jumping at a crossing if the last Newton step exceeds this share of r
+JUMP_STEP = 1e-4  # G is taken to jump at a crossing if the last Newton step exceeds this share of r
 
 
 class ScaledLimitState(AbstractLimitState):
@@ -67,10 +70,10 @@ class Rays(NamedTuple):
     """Directions of rays, with weights such that P(k) ≈ Σ weight·q(e; k) for any structure and factor k.
 
     - `directions`: unit vectors e, shape (m, d)
-    - `weights`: about P₀/(m q₀) (large weights are limited), shape (m,)
-    - `factor`: factor k with which the first structure was sampled
+    - `weights`: about P₀/(m q₀), but large weights are limited, shape (m,)
+    - `factor`: factor k on the motions under which the first structure was sampled
     - `cov`: coefficient of variation of the sampled P₀
-    - `scenes`: number of scenes that were evaluated
+    - `scenes`: number of scenes (evaluations of the limit state) that the sample and the rays needed
     """
 
     directions: np.ndarray
@@ -84,9 +87,10 @@ class FactorSolution(NamedTuple):
     """The factor k on u at which a structure fails with the target probability.
 
     - `factor`: k
-    - `sensitivities`: d ln k/d ln y of the named parameters y, in the order of the names
-    - `jumps`: share of dP/d ln k from crossings at which G jumps; the sensitivities leave these crossings out
-    - `effective`: effective number of rays
+    - `sensitivities`: d ln k/d ln y for the named parameters y, in the order of the names
+    - `jumps`: share of the crossings at which G jumps, weighted by their contributions to dP/d ln k. The
+      sensitivities leave these crossings out
+    - `effective`: effective number of rays, (Σ y)²/Σ y² for the contributions y of the rays to P
     """
 
     factor: float
@@ -96,10 +100,10 @@ class FactorSolution(NamedTuple):
 
 
 def sample_rays(limit: AbstractLimitState, probability: float, count: int, cov: float, seed: int) -> Rays:
-    """Scale motions to a probability of failure, and return rays through failing samples.
+    """Scale motions until a structure fails with a target probability, and draw rays through failing samples.
 
-    - `limit`: limit state; it must survive at u = 0
-    - `probability`: target probability of failure, in (0, 1); the scaled motions have about this probability
+    - `limit`: limit state of the structure, which must survive at u = 0
+    - `probability`: target probability of failure, in (0, 1), which the scaled motions reach approximately
     - `count`: largest number of failing samples through which rays are drawn
     - `cov`: largest accepted coefficient of variation of the sampled probability
     - `seed`: seed of the random numbers
@@ -125,7 +129,7 @@ def sample_rays(limit: AbstractLimitState, probability: float, count: int, cov: 
     radius = np.linalg.norm(u, axis=1)
     scan = _RayScan(limit, u / radius[:, None], factor)
     scan.narrow(REFINED)
-    # The scan may miss a narrow range of failure that contains the sample of a ray; such rays are omitted.
+    # The scan of a ray may miss a narrow range of failure that contains its sample; such rays are left out.
     before_sample = scan.r < factor * radius[scan.line]
     is_failing = (
         scan.fails_at_start
@@ -134,15 +138,18 @@ def sample_rays(limit: AbstractLimitState, probability: float, count: int, cov: 
     )
     e = u[is_failing] / radius[is_failing, None]
     weights = weights[is_failing] / scan.probabilities(factor)[is_failing]
-    # A ray on which failure is limited to a narrow range of r has a large weight. For another structure this
-    # range may be wide, and one ray would then dominate. The weights are therefore limited.
+    # A ray that fails only in a narrow range of r has a large weight. For another structure this range may be
+    # wide, and this ray would then dominate P. The weights are therefore limited.
     weights = np.minimum(weights, MAX_WEIGHT * np.median(weights))
     weights *= estimate.probability / float(weights @ scan.probabilities(factor)[is_failing])
     return Rays(e, weights, factor, estimate.cov, limit.scenes - scenes_before)
 
 
 def _draw_failing(estimator: Subset, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Draw up to `count` different failing samples of all runs, and return them with their shares of P."""
+    """Draw up to `count` different failing samples from all runs, and return them with weights.
+
+    The weights sum to the estimate of P.
+    """
     total = sum(run.samples for run in estimator.runs)
     runs = [
         (np.unique(run.failing, axis=0), run.probability * run.samples / total)
@@ -158,8 +165,8 @@ def _draw_failing(estimator: Subset, count: int, rng: np.random.Generator) -> tu
 
 
 def _find_factor(limit: AbstractLimitState, probability: float, rng) -> tuple[float, Subset]:
-    """Return a factor on u at which failure has about the given probability, and the estimator of this
-    probability, with one completed round."""
+    """Return a factor on u at which the structure fails with about the given probability, and the estimator
+    of this probability after one round."""
     target_beta, factor = -float(scipy.stats.norm.ppf(probability)), 1.0
     trials: list[tuple[float, float]] = []  # ln k and the reliability index −Φ⁻¹(P)
     for _ in range(TRIALS):
@@ -170,8 +177,8 @@ def _find_factor(limit: AbstractLimitState, probability: float, rng) -> tuple[fl
             return factor, estimator
         beta = -float(scipy.stats.norm.ppf(min(max(trial_probability, 1e-30), 1 - 1e-3)))
         trials.append((math.log(factor), beta))
-        # The first step assumes that the reliability index is proportional to 1/k, as for a plane surface of
-        # failure; later steps use the secant through the last two trials.
+        # The first step takes the reliability index as proportional to 1/k, as for a plane surface of
+        # failure. Later steps use the secant through the last two trials.
         step = math.log(max(beta, 0.5) / max(target_beta, 0.5)) if target_beta != beta else 0.1
         if len(trials) > 1 and abs(trials[-1][1] - trials[-2][1]) > 1e-3:
             (a, at_a), (b, at_b) = trials[-2:]
@@ -189,26 +196,30 @@ def _find_factor(limit: AbstractLimitState, probability: float, rng) -> tuple[fl
 
 
 class _RayScan:
-    """Extensible scan of rays for crossings with the surface of failure.
+    """Scan of rays for crossings with the surface of failure, which can be extended.
 
     Positions on a ray are the distances r = exp(`step`·i) for integers `first` ≤ i < `stop`. The attributes
     `line`, `r` and `survivor` describe the crossings, as `line`, `position` and `survivor` of `LineCrossings`
     do. The attribute `sign` of a crossing is 1 if the ray enters failure there, and −1 if it leaves failure.
+
+    - `limit`: limit state
+    - `directions`: unit vectors e of the rays, shape (m, d)
+    - `guess`: factor k on u around which the rays are scanned first
     """
 
     def __init__(self, limit: AbstractLimitState, directions: np.ndarray, guess: float):
         self.limit, self.directions = limit, directions
         d = directions.shape[1]
-        # Ends of the scanned range of |u|.
+        # Ends of the range of |u| that is scanned for k = 1.
         self.ends = float(scipy.stats.chi.ppf(BELOW_SCAN, d)), float(scipy.stats.chi.isf(ABOVE_SCAN, d))
-        # Logarithms of positions are multiples of the step, so the guess changes only the range of positions.
+        # Positions are integer powers of exp(step), so the guess changes only their range.
         self.step = SPACING / math.sqrt(d)
         self.first = self.stop = math.floor(math.log(self.ends[0] * guess / RANGE_FACTOR) / self.step)
         self.G = np.zeros((len(directions), 0))
         self.extend(guess / RANGE_FACTOR, guess * RANGE_FACTOR)
 
     def extend(self, low: float, high: float) -> None:
-        """Extend the scan to all positions that matter for factors k from `low` to `high`."""
+        """Extend the scan to the positions r that are needed for factors k from `low` to `high`."""
         first = min(self.first, math.floor(math.log(self.ends[0] * low) / self.step))
         stop = max(self.stop, math.ceil(math.log(self.ends[1] * high) / self.step) + 1)
         below, above = self._evaluate(first, self.first), self._evaluate(self.stop, stop)
@@ -236,8 +247,8 @@ class _RayScan:
         crossed_line, r, *_ = narrow_crossings(
             self.limit, np.zeros_like(e), e, line, ends.ravel(), value, SHARP
         )
-        # The ranges between several crossings are far narrower than the resolution, so only the first
-        # crossing is used.
+        # If an interval has several crossings, they are far closer together than the positions of the scan,
+        # so only the first crossing is used.
         first = np.unique(crossed_line, return_index=True)[1]
         self.r[rows[crossed_line[first]]] = r[first]
 
@@ -264,13 +275,12 @@ def solve_factor(
     """Return the factor on u at which a structure fails with the target probability, and its sensitivities.
 
     - `limit`: limit state of the structure
-    - `rays`: from `sample_rays`
+    - `rays`: rays from `sample_rays`
     - `probability`: target probability of failure
     - `names`: parameters y of the structure for the sensitivities d ln k/d ln y
     - `guess`: first value of the factor
 
-    A factor outside [1/`MAX_FACTOR`, `MAX_FACTOR`] is replaced by the nearer end of this range, with zero
-    sensitivities.
+    A factor below 1/`MAX_FACTOR` or above `MAX_FACTOR` is replaced by this limit, with zero sensitivities.
     """
     scan, k = _scan_near(limit, rays, probability, guess)
     if not 1 / MAX_FACTOR < k < MAX_FACTOR:
@@ -280,7 +290,7 @@ def solve_factor(
     jumps, along_ray, slopes = _move_to_roots(limit, rays, scan, names)
     d = rays.directions.shape[1]
     k = _root(scan, rays.weights, probability, k)
-    # dP/d ln k = Σ ± weight φ(r/k) r/k, with the chi density φ.
+    # dP/d ln k = Σ ± weight φ(r/k) r/k, summed over the crossings, with the density φ of |u|.
     rate = weight * scan.sign * scipy.stats.chi.pdf(scan.r / k, d) * scan.r / k
     smooth_rate = np.where(jumps, 0.0, rate)
     log_r_slopes = -slopes / np.where(jumps, 1.0, along_ray)[:, None]  # d ln r/d ln y
@@ -302,7 +312,7 @@ def _move_to_roots(
     - `limit`, `rays`, `names`: as for `solve_factor`
     - `scan`: scan with crossings, which are moved in place
 
-    Returns a mask of the crossings at which G jumps, shape (k,), and the derivatives of G at all crossings:
+    Returns a mask of the crossings at which G jumps, shape (k,), and derivatives of G at all k crossings:
     with respect to ln r, shape (k,), and with respect to the logarithms of the parameters, shape (k, names).
     """
 
@@ -319,8 +329,11 @@ def _move_to_roots(
 
 
 def _scan_near(limit, rays: Rays, probability: float, guess: float) -> tuple[_RayScan, float]:
-    """Return a scan wide enough for the target probability, and the approximate factor k. Arguments are as
-    for `solve_factor`."""
+    """Return a scan that is wide enough for the target probability, and the approximate factor k.
+
+    Arguments are as for `solve_factor`. If k would leave the range from 1/`MAX_FACTOR` to `MAX_FACTOR`, it is
+    the end of this range.
+    """
     scan, low, high = _RayScan(limit, rays.directions, guess), guess / RANGE_FACTOR, guess * RANGE_FACTOR
     while True:
         at_low, at_high = (float(rays.weights @ scan.probabilities(k)) for k in (low, high))
@@ -345,7 +358,7 @@ def probability_at(limit: AbstractLimitState, rays: Rays, factor: float) -> floa
 def _root(scan: _RayScan, weights: np.ndarray, probability: float, guess: float) -> float:
     """Return the factor k at which P(k) equals the target probability.
 
-    Beyond the scanned positions, rays are assumed to fail or survive as at the outermost positions.
+    Beyond the outermost positions of the scan, a ray is assumed to fail or survive as it does there.
 
     - `scan`, `weights`: scan of the rays, and weights of the rays in P(k), shape (m,)
     - `probability`: target probability; `guess`: first value of k

@@ -1,5 +1,9 @@
-"""Probabilities of failure of limit states in standard normal space, and their design points: the failing
-points at which the distance from the origin has a local minimum."""
+"""Probabilities of failure, and design points, of functions of standard normal variables.
+
+A limit state is a function G(u) of a vector u of independent standard normal numbers; failure is G ≤ 0. A
+design point is a local minimum of |u| among failing points. The surface of failure separates failing from
+surviving points.
+"""
 
 from __future__ import annotations
 
@@ -39,19 +43,19 @@ class FailureProbability:
     - `effective_sample_size`: effective number of failures; as many independent failures of equal weight
       would give about the same accuracy
     - `first_order`: probability of the union of the half-spaces α_i·u ≥ β_i, with the directions α_i and the
-      distances β_i of the design points; for three or more, a lower bound of this probability. NaN for
-      methods without design points
+      distances β_i of the design points. For three or more design points, it is a lower bound of this
+      probability. NaN for methods without design points
     - `beta`: distances of the design points from the origin, nearest first; empty for methods without design
       points
     - `disagrees`: True if `first_order` is outside the confidence interval and differs from `probability` by
       a factor of 1.5 or more. Then the limit state is far from plane, or a design point was not found
     - `converged`: True if the estimate reached the requested coefficient of variation in at least two rounds,
-      with at least 20 effective failures, and is not dominated by a few samples. Otherwise the probability
-      may be wrong by a large factor
+      has at least 20 effective failures, and is not dominated by a few samples. If False, the probability may
+      be wrong by a large factor
     - `sensitivities`: (dP/dy, standard error) by the name of the parameter y, for the limit state of a
-      structure and the method `"line"`; else empty
-    - `jumps`: share of the surface of failure, weighted by the density of u, across which the limit-state
-      function G jumps. The sensitivities leave this part out. NaN without sensitivities
+      structure and the method `"line"`; otherwise empty
+    - `jumps`: share of the surface of failure across which the limit-state function G jumps, weighted by the
+      density of u. The sensitivities leave this part out. NaN without sensitivities
     """
 
     probability: float
@@ -134,8 +138,8 @@ def reliability(
 def starting_directions(limit: AbstractLimitState, starts: int, seed: int) -> np.ndarray:
     """Return unit vectors in the directions from which searches start, shape (starts, dimension).
 
-    The first half are random directions far apart, the second half the opposite directions. If G(−u) = G(u),
-    the search needs only the first half.
+    The first half are random directions that lie far apart. The second half are their opposites, which the
+    search does not need if G(−u) = G(u).
     """
     count = (starts + 1) // 2
     candidates = np.random.default_rng([seed, 1]).standard_normal((CANDIDATES * count, limit.dimension))
@@ -153,7 +157,7 @@ def check_arguments(owner: str, method: str, cov: float, seed: int, starts: int,
 
     - `method`: must be the name of an estimator
     - `cov`: must be in (0, 1)
-    - `seed`, `starts`, `max_scenes`: must be ≥ 0, ≥ 1 and ≥ 100
+    - `seed`: must be ≥ 0; `starts`: must be ≥ 1; `max_scenes`: must be ≥ 100
     """
     if method not in ESTIMATORS:
         raise ValueError(f"{owner}: method must be one of {', '.join(map(repr, ESTIMATORS))}, got {method!r}")
@@ -165,7 +169,11 @@ def check_arguments(owner: str, method: str, cov: float, seed: int, starts: int,
 
 
 def find_design_points(owner: str, limit: AbstractLimitState, directions: np.ndarray) -> DesignPoints:
-    """Return the design points of a limit state, from starting directions (s, d).
+    """Return the design points of a limit state.
+
+    - `owner`: function that error messages name
+    - `limit`: limit state
+    - `directions`: unit vectors in which searches start, shape (s, d)
 
     Raises `ValueError` if the limit state fails at the origin, and if the search finds no design point.
     """
@@ -201,7 +209,7 @@ def estimate_probability(
 
     - `owner`: function that error messages name
     - `limit`: limit state
-    - `directions`: starting directions of the search for design points, (s, dimension)
+    - `directions`: unit vectors in which searches for design points start, shape (s, dimension)
     - `method`, `cov`, `seed`, `max_scenes`, `progress`: as for `reliability`
 
     Warns (`RuntimeWarning`) if the estimate has not converged. Ctrl-C during sampling raises `Interrupted`
@@ -231,7 +239,7 @@ def estimate_probability(
 
 
 def _explain_nonconvergence(result: FailureProbability, cov: float) -> str:
-    """Return the reason why an estimate has not converged, and the cure."""
+    """Return a sentence with the reason why an estimate has not converged, and the cure."""
     cures = [] if result.method == "subset" else ["method='subset'"]
     if result.probability == 0:
         cause = "no scene fails"
@@ -290,8 +298,8 @@ def _to_result(
 def first_order_probability(points: DesignPoints) -> float:
     """Return the probability of the union of half-spaces α_i·u ≥ β_i; NaN if there are no design points.
 
-    Design point i has the direction α_i and the distance β_i from the origin. The value is exact for one or
-    two half-spaces, and Ditlevsen's lower bound for more.
+    Design point i has the direction α_i and the distance β_i from the origin. For one or two half-spaces the
+    value is exact; for more it is Ditlevsen's lower bound.
     """
     if points.beta.size == 0:
         return math.nan

@@ -1,7 +1,8 @@
 """Failure of rocking structures under Gaussian ground motions: probabilities and most likely motions.
 
-A vector u of independent standard normal numbers determines the motion. The limit state is the surface in the
-space of u at which the structure begins to fail.
+A vector u of independent standard normal numbers determines the motion. The limit-state function G(u) is ≤ 0
+if the structure fails. The surface of failure in the space of u separates motions that cause failure from
+motions that do not.
 """
 
 from __future__ import annotations
@@ -34,13 +35,13 @@ class DesignPoint:
     - `u`: point in standard normal space, shape (dimension,)
     - `beta`: reliability index |u|
     - `record`: the motion that u determines, locally the most likely motion that causes failure
-    - `mode`: failure mode, which is the number of impacts (before overturning, if the scene overturns). To
-      count them, the scene may have to be solved until the columns rest; −1 if this does not finish
-    - `smooth`: True if the vector u is normal to the limit state; otherwise the point is usually at an edge,
-      where the failure mode changes
-    - `sensitivities`: dβ/dy for every parameter y of structure and ground motion, with the location of y as
-      key, such as `"alpha"`, `"restrainers[0].prestress"`, `"superstructure.masses[2]"`; one-sided
-      derivatives if not `smooth`
+    - `mode`: failure mode, which is the number of impacts, or of impacts before overturning if the columns
+      overturn. −1 if the simulation that counts the impacts did not finish
+    - `smooth`: True if the vector u is normal to the surface of failure; otherwise the point is usually at an
+      edge of the surface, where the failure mode changes
+    - `sensitivities`: dβ/dy for every parameter y of structure and ground motion. Keys are the locations of
+      the parameters, such as `"alpha"`, `"restrainers[0].prestress"`, `"superstructure.masses[2]"`. If
+      `smooth` is False, the derivatives are one-sided
     """
 
     u: np.ndarray
@@ -67,21 +68,27 @@ def design_points(
 
     - `podium`: podium with scalar parameters
     - `motion`: a [`rockjax.GaussianMotion`][]
-    - `limit`: `"overturning"`, or a tuple (name, value > 0): failure is a peak ≥ value, or overturning. Names
-      for all podiums are `"rotation"` (divided by the slenderness α, value < 1), `"friction"` (shear force
-      divided by axial force of a joint), `"unloading"` (loss of axial force of a joint, divided by the dead
-      load) and `"foundation shear"` (divided by the total weight). Podiums with a superstructure also have
-      `"shear"` (base shear divided by the weight of the superstructure). Elastic superstructures also have
-      `"deformation"` [m], and an elastic `ShearBuilding` has `"drift"` [m] and `"floor acceleration"` [m/s²].
-      The worst mode, story, floor or joint counts
+    - `limit`: definition of failure. `"overturning"` means that the columns overturn. A tuple (name, value)
+      with value > 0 means that they overturn, or that the peak with this name reaches the value. If there is
+      a peak for each mode, story, floor or joint, the worst one counts. The names are
+
+        - for all podiums `"rotation"` (divided by the slenderness α, value < 1), `"friction"` (shear force of
+          a joint divided by its axial force), `"unloading"` (loss of axial force of a joint, divided by its
+          dead load) and `"foundation shear"` (divided by the total weight)
+        - for podiums with a superstructure also `"shear"` (base shear divided by the weight of the
+          superstructure)
+        - for elastic superstructures also `"deformation"` [m]
+        - for an elastic `ShearBuilding` also `"drift"` [m] and `"floor acceleration"` [m/s²]
+
     - `starts`: number of directions from which searches for design points start, ≥ 1
     - `seed`: seed of the random numbers, ≥ 0; equal seeds give equal results
 
-    Returns the points u on the limit state at which |u| has a local minimum, nearest first. If `motion` has
-    no pulse, −u is a design point whenever u is one. The limit state has edges where the number of impacts
-    before overturning changes, so some minima are at edges. With the reliability index β, Φ(−β) approximates
-    the probability of failure only if the limit state is nearly plane. In hundreds of dimensions it is not
-    nearly plane; use [`rockjax.failure_probability`][] for probabilities.
+    Returns the points u on the surface of failure at which |u| has a local minimum, nearest first. If
+    `motion` has no pulse, −u is a design point whenever u is one. The surface of failure has edges where the
+    number of impacts before overturning changes, so some minima are at edges. With the reliability index β =
+    |u| and the standard normal distribution function Φ, Φ(−β) approximates the probability of failure only if
+    the surface is nearly plane. In hundreds of dimensions it is not; use [`rockjax.failure_probability`][]
+    for probabilities.
 
     Raises `ValueError` for invalid arguments, if a scene does not finish, if the structure fails without any
     motion, and if the search finds no motion that makes the structure fail.
@@ -127,18 +134,18 @@ def failure_probability(
     - `max_scenes`: number of scenes after which no further round begins, ≥ 100
     - `progress`: `True` for a progress bar, or any object with a method `update(number_of_scenes)`
 
-    Scenes are solved in batches on all cores. A rocking structure fails under many moderate motions of no
-    particular shape, far from any design point. Methods that sample around design points may miss these
-    motions, and then underestimate the probability. If the estimate has not converged, a `RuntimeWarning` is
-    issued, and the result has a confidence interval only with the method `"monte-carlo"`. Ctrl-C during
-    sampling raises [`rockjax.Interrupted`][] with the estimate from the rounds so far, or None before the end
-    of the first round.
+    Scenes (the structure under one motion each) are solved in batches on all cores. A rocking structure fails
+    under many moderate motions of no particular shape, far from any design point. Methods that sample around
+    design points may miss these motions, and then underestimate the probability. If the estimate has not
+    converged, a `RuntimeWarning` is issued, and the result has a confidence interval only with the method
+    `"monte-carlo"`. Ctrl-C during sampling raises [`rockjax.Interrupted`][] with the estimate from the rounds
+    so far, or None before the end of the first round.
 
     With `"line"` the result has `sensitivities`, dP/dy with standard errors for every parameter y of
-    structure and ground motion. The sensitivities need one reverse pass for each crossing of a line with the
-    limit state. Across some parts of the limit state, the limit-state function G (which is ≤ 0 at failure)
-    jumps. The sensitivities leave these parts out; the field `jumps` of the result is their share of the
-    limit state, weighted by the density of u.
+    structure and ground motion. They need one reverse pass for each crossing of a line with the surface of
+    failure. Across some parts of this surface, the limit-state function G (which is ≤ 0 at failure) jumps.
+    The sensitivities leave these parts out; the field `jumps` of the result is their share of the surface,
+    weighted by the density of u.
 
     Raises `ValueError` for invalid arguments, if a scene does not finish and, if the method needs design
     points, in the same cases as `design_points`.

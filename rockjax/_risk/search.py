@@ -1,16 +1,17 @@
-"""Search for design points: the points of failure closest to the origin of standard normal space.
+"""Search for design points: the failing points at which the distance |u| from the origin is locally least.
 
-Failure is G ≤ 0, with the limit state function G. For a direction e on the unit sphere, r(e) is the least
-distance at which the ray r·e fails. A design point is a local minimum of r(e). The search stays on the
-surface of failure and does not need a continuous G. Where the mode of failure (for rocking, the number of
-impacts) changes, G jumps, but r is still defined. Searches from several starting directions advance together:
+A point is a vector u of standard normal numbers. It fails if G(u) ≤ 0, with the limit state function G. For a
+unit vector e, r(e) is the least distance at which the ray in direction e fails. A design point is a local
+minimum of r(e). The search stays on the surface of failure and does not need a continuous G. Where the mode
+of failure (for rocking, the number of impacts) changes, G jumps, but r(e) is still defined. Searches from
+several starting directions advance together:
 
-1. At the point r·e the gradient gives the normal a = −∇G/|∇G|, which is the direction of the design point of
-   a linear G.
-2. Directions on the way from e to a, and somewhat beyond a, are evaluated, and the one with the least r is
-   chosen.
-3. A search ends where e and a agree, or where none of these directions has a smaller r, even close to e.
-   The second case usually is an edge, where G jumps.
+1. The gradient of G at the point r·e gives the normal a = −∇G/|∇G|. If G is linear, the design point lies in
+   the direction a.
+2. The search evaluates r in directions between e and a, and somewhat beyond a. The direction with the least r
+   becomes the new e.
+3. A search ends if e and a agree, or if none of these directions has a smaller r, even close to e. The second
+   case usually is an edge of the surface, where G jumps.
 """
 
 from __future__ import annotations
@@ -25,16 +26,16 @@ MAX_BETA = 9.0  # largest distance of a design point from the origin; Φ(−9) i
 # Rays in starting directions are at least this many times √d long; √d is the typical |u|.
 START_FACTOR = 4.0
 RAY_POSITIONS = 24  # number of positions on a full ray
-# Number of positions on the ray of a candidate direction. The ray ends at the distance at which the present
+# Number of positions on the ray of a candidate direction. The ray ends at the distance r at which the present
 # direction e fails.
 PARTIAL_RAY_POSITIONS = 10
 NARROWING_ROUNDS = 3  # number of rounds in which the interval of the first failure is narrowed
 PARTS = 8  # number of equal parts into which a round divides the interval
-# Evaluated fractions of the way from e to the normal, divided by the argument `fraction` of `_step`. The best
-# direction may lie beyond the normal.
+# `_step` evaluates directions at these multiples of its argument `fraction`, which is a fraction of the way
+# from e to the normal. The best direction may lie beyond the normal.
 FRACTIONS = np.array([1.5, 1.0, 0.5])
 MIN_FRACTION = 1 / 64  # a search ends if it would need a smaller fraction of the way
-ALIGNED = 1e-9  # a search ends if 1 − cos of the angle between e and normal is below this value
+ALIGNED = 1e-9  # e and the normal agree if 1 minus the cosine of the angle between them is below this value
 MAX_STEPS = 40  # largest number of steps of a search
 SAME_COSINE = 0.99  # two design points count as equal if the cosine of the angle between them is larger
 
@@ -45,8 +46,8 @@ class DesignPoints(NamedTuple):
     - `u`: the points, which fail, shape (k, d)
     - `normal`: unit normals −∇G/|∇G| at the points, shape (k, d)
     - `beta`: distances |u| from the origin, shape (k,)
-    - `aligned`: True if u and the normal have the same direction (a smooth minimum); otherwise False, usually
-      at an edge where G jumps, shape (k,)
+    - `aligned`: True if u and the normal have the same direction (a smooth minimum), shape (k,). Otherwise
+      the point usually is at an edge, where G jumps
     """
 
     u: np.ndarray
@@ -58,14 +59,16 @@ class DesignPoints(NamedTuple):
 class _Bracket(NamedTuple):
     """Brackets of the first failure on rays, as arrays of shape (m,)."""
 
-    low: np.ndarray  # the last surviving position before the failure
+    low: np.ndarray  # the last surviving position before the failure; 0 if the first position fails
     high: np.ndarray  # the first position that fails; inf if there is none
-    G_low: np.ndarray  # G at `low`
+    G_low: np.ndarray  # G at `low`; inf if `low` is 0, where G is not evaluated
     G_high: np.ndarray  # G at `high`
 
     def root(self) -> np.ndarray:
-        """Return the root of the straight line through G at both ends (`high` if G is infinite at an end);
-        inf if there is no failure."""
+        """Return the root of the straight line through the values of G at both ends.
+
+        The root is `high` if G is infinite at an end, and inf if there is no failure.
+        """
         drop = self.G_low - self.G_high
         is_usable = np.isfinite(drop) & (drop > 0)
         fraction = np.where(is_usable, self.G_low / np.where(is_usable, drop, 1.0), 1.0)
@@ -78,7 +81,11 @@ class _Bracket(NamedTuple):
 
 
 def _bracket_failure(limit: AbstractLimitState, directions: np.ndarray, radii: np.ndarray) -> _Bracket:
-    """Bracket the first failure on rays (m, d), evaluated at ascending positions `radii` (m, k)."""
+    """Bracket the first failure on rays.
+
+    - `directions`: unit vectors, shape (m, d)
+    - `radii`: ascending positions on each ray at which G is evaluated, shape (m, k)
+    """
     points = directions[:, None, :] * radii[..., None]
     value = limit.values(points.reshape(-1, directions.shape[1])).reshape(radii.shape)
     fails = value <= 0
@@ -96,8 +103,8 @@ def _narrow(limit: AbstractLimitState, directions: np.ndarray, bracket: _Bracket
     for _ in range(NARROWING_ROUNDS):
         if failing.size == 0:
             break
-        # Evenly spaced positions narrow every bracket; positions close to the root of the straight line
-        # narrow brackets of smooth functions quickly.
+        # Evenly spaced positions narrow every bracket. If G is smooth, positions close to the root of the
+        # straight line through G at both ends narrow the bracket further.
         wide = _Bracket(low, high, G_low, G_high).select(failing)
         width = wide.high - wide.low
         root = (wide.root() - wide.low) / np.where(width > 0, width, 1.0)
@@ -123,8 +130,10 @@ def _narrow(limit: AbstractLimitState, directions: np.ndarray, bracket: _Bracket
 def distances(
     limit: AbstractLimitState, directions: np.ndarray, max_distance: float = MAX_BETA
 ) -> np.ndarray:
-    """Return the least distance at which each ray fails, shape (m,); inf if there is no failure up to
-    `max_distance`. The rays have the unit vectors `directions`, shape (m, d)."""
+    """Return the least distance at which each ray fails, shape (m,); inf for no failure up to `max_distance`.
+
+    - `directions`: unit vectors of the rays, shape (m, d)
+    """
     radii = np.tile(np.linspace(0, max_distance, RAY_POSITIONS + 1)[1:], (len(directions), 1))
     return _narrow(limit, directions, _bracket_failure(limit, directions, radii))
 
@@ -141,8 +150,8 @@ def design_points(
     """Return local minima of |u| on the surface of failure.
 
     - `limit`: limit state; it must survive at u = 0
-    - `starts`: starting directions, shape (s, d); only the first half is used if the limit state is mirrored,
-      i.e. G(−u) = G(u)
+    - `starts`: starting directions, shape (s, d). If the limit state is mirrored, G(−u) = G(u), only the
+      first half is used
     - `max_distance`: largest distance of a design point from the origin
     """
     if limit.mirrored:  # if u is a design point, −u is one too
@@ -151,7 +160,8 @@ def design_points(
     # In high dimensions a random direction fails only far beyond the distance of a design point.
     ray_length = max(max_distance, START_FACTOR * np.sqrt(limit.dimension))
     r = distances(limit, e, ray_length)
-    # If a ray does not fail, its direction is replaced by that of the steepest descent of G near the origin.
+    # If a ray does not fail, its direction is replaced by the steepest descent of G at a point of the ray
+    # near the origin.
     never_fails = ~np.isfinite(r)
     if never_fails.any():
         _, slope = limit.gradients(e[never_fails] * 1e-3)
@@ -172,7 +182,7 @@ def design_points(
 def _descend(limit: AbstractLimitState, e: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Move directions e and their distances r, in place, to local minima of r.
 
-    Returns the normals, shape (s, d), and a mask of the directions that agree with the normal, shape (s,).
+    Returns the normals, shape (s, d), and a mask of the directions that agree with their normals, shape (s,).
     """
     normal, aligned, fraction = e.copy(), np.zeros(len(e), bool), np.ones(len(e))
     has_moved = np.ones(len(e), bool)
@@ -202,19 +212,20 @@ def _descend(limit: AbstractLimitState, e: np.ndarray, r: np.ndarray) -> tuple[n
 
 
 def _step(limit: AbstractLimitState, e, r, normal, fraction) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Evaluate directions on the way from each e to its normal, and return the nearest failure: its distance,
-    its direction, and the fraction of the way.
+    """Evaluate directions on the way from each e to its normal, and return the nearest failure.
+
+    Returns the distance of this failure, its direction, and its fraction of the way.
 
     - `limit`: limit state
     - `e`, `r`: directions, shape (s, d), and the distances at which they fail, shape (s,)
     - `normal`: unit normals at these failures, shape (s, d)
-    - `fraction`: best fraction of the previous step, or a quarter of its `fraction` if r did not decrease;
-      shape (s,)
+    - `fraction`: fraction of the way that `FRACTIONS` multiplies, shape (s,): the best fraction of the
+      previous step, or a quarter of the previous `fraction` if r did not decrease
     """
     fractions = fraction[:, None] * FRACTIONS
     candidates = _unit(e[:, None, :] + fractions[..., None] * (normal - e)[:, None, :])
     directions = candidates.reshape(-1, e.shape[1])
-    # Positions up to the distance r of failure in direction e, denser near r, where failure is more likely.
+    # Positions as fractions of the distance r at which e fails, denser near r, where failure is more likely.
     positions = np.concatenate([[0.4, 0.6], np.linspace(0.7, 1.0, PARTIAL_RAY_POSITIONS - 2)])
     bracket = _bracket_failure(limit, directions, np.repeat(r, FRACTIONS.size)[:, None] * positions)
     best = np.argmin(bracket.root().reshape(fractions.shape), axis=1)
@@ -225,7 +236,8 @@ def _step(limit: AbstractLimitState, e, r, normal, fraction) -> tuple[np.ndarray
 
 
 def _keep_distinct(e: np.ndarray, r: np.ndarray, normal: np.ndarray, aligned: np.ndarray) -> DesignPoints:
-    """Return the design points in directions that differ, nearest first."""
+    """Return the design points, nearest first. Of points in nearly the same direction, the nearest
+    remains."""
     distinct: list[int] = []
     for i in np.argsort(r):
         if not any(e[i] @ e[j] > SAME_COSINE for j in distinct):
@@ -234,6 +246,6 @@ def _keep_distinct(e: np.ndarray, r: np.ndarray, normal: np.ndarray, aligned: np
 
 
 def merge_points(a: DesignPoints, b: DesignPoints) -> DesignPoints:
-    """Return the distinct design points of two sets."""
+    """Return the union of two sets of design points. Arguments and order are as for `_keep_distinct`."""
     u, normal, beta, aligned = (np.concatenate(pair) for pair in zip(a, b, strict=True))
     return _keep_distinct(_unit(u), beta, normal, aligned)

@@ -1,8 +1,8 @@
 """Limit states of podiums under Gaussian motions.
 
-A Gaussian motion is determined by a vector u of independent standard normal numbers. Without a pulse, it is
+A vector u of independent standard normal numbers determines a Gaussian motion. Without a pulse, the motion is
 ü_g = A u with a fixed matrix A. A limit state is a function G(u) that is ≤ 0 if and only if the podium fails.
-G follows from the simulated response to the motion.
+G follows from the simulated response to the motion. A scene is the podium under one motion.
 """
 
 from __future__ import annotations
@@ -42,20 +42,20 @@ OPTIONS = Options(rtol=1e-9, atol=1e-11)
 class Limit(NamedTuple):
     """Definition of failure: a peak reaches a value, or the podium overturns.
 
-    G = 1 − peak/value, but at most 0 if the podium overturns. If only overturning is failure, G is the
-    overturning margin.
+    G = 1 − peak/value, but at most 0 if the podium overturns. If only overturning counts as failure, G is the
+    overturning margin of docs/overturning.md.
     """
 
-    output: str  # name of the peak in the answer of a scene; "margin" if only overturning is failure
+    output: str  # name of the peak in the answer of a scene; "margin" if only overturning counts as failure
     value: float  # value of the peak at failure; not used for the margin
-    request: str | AbstractOutput  # the output that computes the peak, as in `rockjax.Options`
+    request: str | AbstractOutput  # the output that computes the peak, for `Options.outputs`
 
 
 class _LimitKind(NamedTuple):
     """A peak that users may limit."""
 
-    output: str | AbstractOutput  # as in `rockjax.Options`
-    unit: str  # unit, or definition, of the peak
+    output: str | AbstractOutput  # the output that computes the peak, or its name
+    unit: str  # unit or definition of the peak
     structure: str  # key of `STRUCTURES`: the kind of structure that has this output
 
 
@@ -106,7 +106,7 @@ def parse_limit(owner: str, limit: Any, podium: Podium | None = None) -> Limit:
         if name == "rotation" and float(value) >= 1:
             raise ValueError(f"{owner}: limit 'rotation' must be < 1, got {value!r}; 1 is 'overturning'")
         output = REGISTRY[kind.output] if isinstance(kind.output, str) else kind.output
-        # A peak that can be infinite is replaced by a finite one.
+        # A peak that can be infinite is replaced by a finite measure, which has its own limit.
         output, value = output.for_limit(float(value))
         return Limit(output.name, value, name_if_registered(output))
     names = ", ".join(f"({name!r}, value)" for name in LIMITS)
@@ -123,14 +123,13 @@ class StructureLimitState(AbstractLimitState):
     def __init__(self, podium: Podium, motion: GaussianMotion, limit: Limit, options: Options = OPTIONS):
         super().__init__(motion.dimension)
         self.podium, self.motion, self.limit = podium, motion, limit
-        # Without a pulse, −u reverses the motion, so by symmetry the podium fails under −u if and only if it
-        # fails under u.
+        # Without a pulse, −u reverses the motion. By symmetry, the podium then fails under −u if and only if
+        # it fails under u.
         self.mirrored = motion.pulse is None
         self.options = options.replace(outputs=(limit.request,), throw=False)
 
     def _values(self, u):
-        # The scenes that fill the last batch have u = 0; without a pulse they stay at rest and cost almost
-        # nothing.
+        # Scenes with u = 0 fill the last batch. Without a pulse they stay at rest and cost almost nothing.
         padded = np.concatenate([u, np.zeros((-len(u) % BATCH, self.dimension))])
         answers = [
             self._batch_values(padded[start : start + BATCH]) for start in range(0, len(padded), BATCH)
@@ -138,7 +137,7 @@ class StructureLimitState(AbstractLimitState):
         return np.concatenate(answers)[: len(u)]
 
     def _batch_values(self, u: np.ndarray) -> np.ndarray:
-        """Return G (m,) at the rows of u (m, d), m ≤ `BATCH`; NaN for scenes that do not finish."""
+        """Return G, shape (m,), at the rows of u, m ≤ `BATCH`; NaN for scenes that do not finish."""
         peaks = self._peaks(u)
         value = _limit_value(getattr(peaks, self.limit.output), peaks.overturned, self.limit)
         unfinished = results.did_not_finish(np.asarray(results.code_of(peaks.result)))
@@ -148,7 +147,8 @@ class StructureLimitState(AbstractLimitState):
         """Return the peaks of the scenes that the rows of u determine.
 
         - `u`: points, shape (m, d), m ≤ `BATCH`
-        - `names`: parameters of the podium, or `"scale"`, for sensitivities
+        - `names`: parameters for sensitivities: names of parameters of the podium, and `"scale"`, the factor
+          on the motion
         - `outputs`: outputs that are requested in addition to the output of the limit
         """
         padded = np.concatenate([u, np.zeros((BATCH - len(u), self.dimension))])
@@ -162,11 +162,12 @@ class StructureLimitState(AbstractLimitState):
         - `u`: points, shape (m, d)
         - `names`: names of parameters of the podium
 
-        Returns G (m,), the derivative of G with respect to ln|u| at fixed direction of u (m,), and the
-        derivatives of G with respect to the logarithms of the parameters (m, names).
+        Returns three arrays: G, shape (m,); the derivative of G with respect to ln|u| in the direction of u,
+        shape (m,); and the derivatives of G with respect to the logarithms of the parameters, shape
+        (m, names).
         """
         # Without a pulse, the motion is proportional to |u|, so the derivative with respect to ln|u| is the
-        # sensitivity to the scale of the motion.
+        # sensitivity with respect to the scale of the motion.
         scale_name = () if self.motion.pulse is not None else ("scale",)
         if len(u) == 0:
             return np.zeros(0), np.zeros(0), np.zeros((0, len(names)))
@@ -179,7 +180,7 @@ class StructureLimitState(AbstractLimitState):
         return value, np.sum(slope * u, axis=1), slopes
 
     def _log_slopes(self, u: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
-        """Return G (m,), and the derivatives of G with respect to the logarithms of named parameters,
+        """Return G, shape (m,), and its derivatives with respect to the logarithms of named parameters, shape
         (m, names). Unlike in `values`, overturning alone does not make G ≤ 0 here."""
         peaks = self._peaks(u, names)
         slopes = np.asarray(getattr(peaks.sensitivities, self.limit.output))
@@ -197,8 +198,8 @@ class StructureLimitState(AbstractLimitState):
         return value, slope
 
     def with_sensitivities(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-        """Return G (m,), ∇G (m, d), and the derivatives of G with respect to all parameters of podium and
-        motion (m,), by the location of the parameter as in `_by_location`."""
+        """Return G, shape (m,), ∇G, shape (m, d), and the derivatives of G with respect to all parameters of
+        podium and motion, shape (m,) each, by the locations of the parameters as in `_by_location`."""
         results_of_batches = []
         for start in range(0, len(u), GRADIENT_BATCH):
             batch = u[start : start + GRADIENT_BATCH]
@@ -212,18 +213,19 @@ class StructureLimitState(AbstractLimitState):
     def impacts(self, u: np.ndarray) -> np.ndarray:
         """Return the number of impacts in the scenes of the rows of u, shape (m,).
 
-        For scenes that overturn, impacts before overturning are counted. NaN if a scene does not finish.
+        In scenes that overturn, impacts before overturning are counted. NaN for scenes that do not finish.
         """
         impacts = np.asarray(self._peaks(u).impacts)
         if not np.isnan(impacts).any():
             return impacts
-        # NaN marks scenes that did not finish, and also scenes that ended before their last impact because
-        # all requested outputs were final. If impacts are requested too, only unfinished scenes have NaN.
+        # Here NaN marks scenes that did not finish, and also scenes that ended before their last impact
+        # because all requested outputs were final. With the output `impacts`, only unfinished scenes have
+        # NaN.
         return np.asarray(self._peaks(u, (), "impacts").impacts)
 
 
 def records_from_samples(motion: GaussianMotion, u: Float[Array, "k d"]) -> Records:
-    """Return the motions of the rows of u (k, d) as records."""
+    """Return the motions that the rows of u, shape (k, d), determine as records."""
     count, ones = len(u), np.ones(len(u))
     samples, start = as_array(np.full(count, motion.n, np.int32)), as_float(0 * ones)
     intervals = as_float(product(ones, motion.dt))
@@ -251,8 +253,8 @@ def _limit_value(value, overturned, limit: Limit):
 def _value_and_slopes(
     u: Float[Array, "k d"], podium: Podium, motion: GaussianMotion, options: Options, limit: Limit
 ):
-    """Return G (k,), ∇G (k, d), and the derivatives of G with respect to all parameters of podium and motion,
-    as a list of arrays."""
+    """Return G, shape (k,), ∇G, shape (k, d), and the derivatives of G with respect to all parameters of
+    podium and motion as a list of arrays."""
     parameters, static = eqx.partition((podium, motion), eqx.is_inexact_array)
 
     def G(u, parameters):
@@ -261,7 +263,7 @@ def _value_and_slopes(
         return _limit_value(floats[limit.output], integers["overturned"], limit)
 
     value, (slope, parameter_slopes) = jax.vmap(jax.value_and_grad(G, (0, 1)), (0, None))(u, parameters)
-    # Leaves are returned, because a `StoredProgram` cannot return a tree of modules.
+    # A `StoredProgram` cannot return a tree of modules, so the leaves of the tree are returned.
     return value, slope, jax.tree.leaves(parameter_slopes)
 
 
@@ -269,7 +271,9 @@ _slopes = StoredProgram(_value_and_slopes)
 
 
 def _by_location(*slopes: Any) -> dict[str, np.ndarray]:
-    """Return the derivatives in trees of derivatives, shape (k,) each, by the location of the parameter.
+    """Return derivatives, shape (k,) each, by the locations of the parameters.
+
+    - `slopes`: trees of parameters, with the derivatives at k points in place of a parameter, shape (k, …)
 
     Locations are in Python notation: `alpha`, `restrainers[0].prestress`, `superstructure.masses[2]`.
     """

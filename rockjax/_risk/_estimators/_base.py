@@ -1,4 +1,8 @@
-"""Base classes of the estimators, which add rounds (batches of samples) until a probability has converged."""
+"""Base classes of the estimators of a probability of failure P(G(u) ≤ 0).
+
+G is the limit-state function of a vector u of independent standard normal numbers. A sample is a random u,
+and a scene is one evaluation of G. An estimator adds rounds of samples until its estimate has converged.
+"""
 
 from __future__ import annotations
 
@@ -24,8 +28,8 @@ class ProbabilityEstimate(NamedTuple):
     probability: float
     standard_error: float
     interval: tuple[float, float]  # confidence interval at `CONFIDENCE`
-    # Effective number of failures: as many independent failures of equal weight would give about the same
-    # accuracy.
+    # Effective number of failures: this number of independent failures of equal weight would give about the
+    # same accuracy.
     effective: float
 
     @property
@@ -38,17 +42,16 @@ class ProbabilitySlopes(NamedTuple):
     """Derivatives of a probability with respect to parameters."""
 
     by_name: dict[str, tuple[float, float]]  # (derivative, standard error) by the name of the parameter
-    # Share of the surface of failure across which the limit-state function G jumps, weighted by the density
-    # of u. The derivatives leave this part out.
+    # Share of the surface of failure across which G jumps, weighted by the density of u. The derivatives
+    # leave this part out.
     jumps: float
 
 
 class AbstractEstimator(abc.ABC):
-    """Estimator of P(G(u) ≤ 0), with the limit-state function G of standard normal numbers u. Rounds of
-    samples are added until the estimate has converged.
+    """Estimator of P(G(u) ≤ 0).
 
     - `limit`: limit state
-    - `points`: design points of the limit state
+    - `points`: design points of the limit state; not used if `needs_design_points` is False
     - `rng`: source of random numbers
     - `rounds`: number of rounds so far
     """
@@ -62,27 +65,28 @@ class AbstractEstimator(abc.ABC):
 
     @abc.abstractmethod
     def round(self, size: int) -> None:
-        """Add a round that costs about `size` scenes."""
+        """Add a round of about `size` scenes."""
 
     @abc.abstractmethod
     def estimate(self) -> ProbabilityEstimate:
         """Return the estimate from all rounds so far."""
 
     def slopes(self) -> ProbabilitySlopes | None:
-        """Return dP/dy for the named parameters y, from the samples so far; None if the limit state has no
-        named parameters, or if the method does not compute derivatives."""
+        """Return dP/dy for the named parameters y, from the samples so far.
+
+        Return None if the limit state has no named parameters, or if the method computes no derivatives.
+        """
         return None
 
     def has_converged(self, estimate: ProbabilityEstimate, cov: float) -> bool:
-        """Return True if an estimate has the coefficient of variation `cov` or a smaller one.
+        """Return True if the coefficient of variation of an estimate is at most `cov`.
 
         At least `MIN_ROUNDS` rounds and `MIN_EFFECTIVE` effective failures are also required.
         """
         return self.rounds >= MIN_ROUNDS and estimate.effective >= MIN_EFFECTIVE and estimate.cov <= cov
 
     def has_light_tail(self) -> bool:
-        """Return False if a few contributions dominate the sum. Their spread then does not measure the
-        error."""
+        """Return False if a few samples dominate the estimate. Its standard error is then unreliable."""
         return True
 
     def is_exhausted(self) -> bool:
@@ -92,13 +96,12 @@ class AbstractEstimator(abc.ABC):
     def run(
         self, cov: float, max_scenes: int, first: int, report: Callable[[ProbabilityEstimate], None]
     ) -> ProbabilityEstimate:
-        """Add rounds until the estimate converges, the estimator is exhausted, or `max_scenes` are used.
+        """Add rounds until the estimate converges, the estimator is exhausted, or `max_scenes` is reached.
 
         - `cov`: coefficient of variation to reach
         - `max_scenes`: number of scenes after which no further round begins
-        - `first`: approximate number of scenes of the first round, except for `Subset`, whose first round has
-          a fixed size. The size of later rounds follows from the last estimate; it is at most three times the
-          number of scenes so far
+        - `first`: approximate number of scenes of the first round; `Subset` ignores it. The size of later
+          rounds follows from the last estimate, but is at most three times the number of scenes so far
         - `report`: function that receives the estimate after each round
 
         Returns the last estimate.
@@ -137,9 +140,10 @@ class AbstractMean(AbstractEstimator):
 
 
 def lognormal_interval(p: float, error: float, count: int) -> tuple[float, float]:
-    """Return the lognormal confidence interval of an estimate p with a standard error.
+    """Return the lognormal confidence interval of an estimate p with the standard error `error`.
 
-    For p = 0, the interval follows from `count` samples without failure.
+    For p = 0 the interval starts at 0. Its upper end is the probability of failure at which `count` samples
+    contain no failure with the probability 1 − `CONFIDENCE`.
     """
     if p == 0:
         return 0.0, 1 - (1 - CONFIDENCE) ** (1 / count)

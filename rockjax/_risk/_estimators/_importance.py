@@ -1,18 +1,20 @@
 """Importance sampling from normal densities around the design points, weighted by likelihood ratios.
 
-The density is a mixture h(u) = Σ w_i φ(u − u_i) + w_0 φ(u), with the design points u_i at the distances β_i
-from the origin, and the density φ and distribution Φ of standard normal numbers. One half of w_i is
-proportional to Φ(−β_i); the other half is equal for all design points. Because φ itself is part of the
-mixture, no likelihood ratio φ/h exceeds 1/w_0. The ratios depend only on the projections of u on the design
-points, so they do not degenerate in high dimensions.
+The samples u have the density h(u) = Σ w_i φ(u − u_i) + w_0 φ(u), a mixture with the design points u_i at
+the distances β_i from the origin. φ is the standard normal density, and Φ below is the standard normal
+distribution function. Half of the sum of the w_i is divided among the design points in proportion to Φ(−β_i),
+and the other half equally. The weight of a sample is its likelihood ratio φ(u)/h(u). Because φ itself is part
+of the mixture, no weight exceeds 1/w_0. The weights depend only on the projections of u on the design points,
+so they do not degenerate in high dimensions.
 
 If failure is unrelated to the design points, as often in rocking, the weights of failing samples have a heavy
-tail: a few samples dominate the sum. The shape k of a generalised Pareto distribution fitted to the largest
-weights detects this (Vehtari et al. 2024): above 0.7, neither the estimate nor its spread is reliable.
+tail: a few samples dominate the sum. To detect this, a generalised Pareto distribution is fitted to the
+largest weights (Vehtari et al. 2024). If its shape k is above 0.7, neither the estimate nor its spread is
+reliable.
 
 A failing sample with a large weight lies far from every design point of the mixture. A search for further
-design points starts from such samples. If it finds a new one, this point extends the mixture, and the samples
-of the old mixture are discarded.
+design points starts from such samples. If the search finds a new design point, this point extends the
+mixture, and the samples of the old mixture are discarded.
 """
 
 from __future__ import annotations
@@ -29,11 +31,12 @@ from ._base import AbstractMean
 
 ORIGIN_WEIGHT = 0.1  # weight w_0 of the density around the origin
 BATCH = 4096  # number of samples in memory at once
-# Failures with larger weights are far from all design points; near a design point, weights are about Φ(−β).
+# Failing samples with larger weights are far from all design points; near a design point, weights are about
+# Φ(−β).
 FAR_WEIGHT = 1.0
 SEARCHES = 4  # largest number of samples from which the search of a round starts
-# The tail is fitted to the largest of the n weights of failing samples: to TAIL_FACTOR·√n of them, but at
-# most to a fifth of them.
+# The tail consists of the largest TAIL_FACTOR·√n of the n weights of failing samples, at most a fifth of
+# them.
 TAIL_FACTOR = 3.0
 MIN_TAIL = 10  # smallest number of weights in the fit; with fewer, the tail is taken to be light
 MAX_SHAPE = 0.7  # largest shape k of a light tail
@@ -41,7 +44,7 @@ MAX_EXTENSIONS = 3  # largest number of searches for further design points
 
 
 class Importance(AbstractMean):
-    """Importance sampling; `extensions` counts the searches that may extend the mixture."""
+    """Importance sampling; `extensions` is the number of searches for further design points so far."""
 
     def __init__(self, limit, points, rng):
         super().__init__(limit, points, rng)
@@ -53,7 +56,7 @@ class Importance(AbstractMean):
         self.points = points
         share = scipy.stats.norm.cdf(-points.beta)
         weights = share / share.sum() if share.sum() > 0 else np.full(share.size, 1 / share.size)
-        # The equal half gives enough samples to distant design points.
+        # The equal half gives distant design points enough samples.
         weights = 0.5 * (weights + 1 / weights.size)
         self.weights = np.concatenate([[ORIGIN_WEIGHT], (1 - ORIGIN_WEIGHT) * weights])
         self.centres = np.concatenate([np.zeros((1, self.limit.dimension)), points.u])
@@ -83,7 +86,7 @@ class Importance(AbstractMean):
         """Add `count` samples and return the failures that lie far from every design point."""
         index = self.rng.choice(self.weights.size, size=count, p=self.weights)
         u = self.centres[index] + self.rng.standard_normal((count, self.limit.dimension))
-        # ln φ(u − c)/φ(u) = c·u − |c|²/2
+        # For each centre c of the mixture, ln[φ(u − c)/φ(u)] = c·u − |c|²/2.
         ratios = u @ self.centres.T - 0.5 * np.sum(self.centres**2, axis=1)
         log_ratio: Any = scipy.special.logsumexp(ratios, axis=1, b=self.weights)
         weight = np.exp(-log_ratio)

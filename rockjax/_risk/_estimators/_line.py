@@ -1,16 +1,17 @@
 """Line sampling: failing segments of random lines parallel to the direction of a design point.
 
-Design point i has the direction α_i and the distance β_i from the origin. A line has the points u + cα_i with
-u normal to α_i. The line contributes the probability that a standard normal c lies in a failing segment. All
-crossings of the line with the surface of failure are used, so survival between failing segments is taken into
-account. Several design points divide space into regions: a point u belongs to the region of the design point
-with the largest α_i·u − β_i. Each line ends at the boundary of the region, so no failing segment is counted
-twice or omitted.
+Design point i has the direction α_i and the distance β_i from the origin. A line of this design point
+consists of the points u + cα_i, with a random u normal to α_i and all numbers c. The line contributes the
+probability that a standard normal c lies in a failing segment. All crossings of the line with the surface of
+failure are used, so survival between failing segments is taken into account. Several design points divide
+space into regions: a point u belongs to the region of the design point with the largest α_i·u − β_i. Each
+line ends at the boundary of the region of its design point, so no failing segment is counted twice or
+omitted.
 
 If a parameter y of the structure or the motion changes, the crossings move. The derivative of the probability
-is dP/dy = −E Σ φ(c) (∂G/∂y)/|∂G/∂c|, summed over the crossings c of a line, with the mean E over the lines
-and the standard normal density φ. Crossings at which G jumps across zero are left out, because the
-derivatives of G do not determine how they move.
+is dP/dy = −E Σ φ(c) (∂G/∂y)/|∂G/∂c|. The sum is over the crossings c of a line, E is the mean over the lines,
+φ is the standard normal density, and ∂G/∂c is the derivative of G along the line. Crossings at which G jumps
+across zero are left out, because the derivatives of G do not determine how these crossings move.
 """
 
 from __future__ import annotations
@@ -25,12 +26,12 @@ from rockjax._risk.lines import find_crossings
 
 from ._base import AbstractEstimator, ProbabilityEstimate, ProbabilitySlopes, lognormal_interval
 
-FINE_RANGE = 2.5  # positions on a line are closer together within this distance of β
-FINE_STEP, COARSE_STEP = 0.3, 0.8  # largest distance between positions within this range and elsewhere
+FINE_RANGE = 2.5  # within this distance of c = β, the positions on a line are closer together
+FINE_STEP, COARSE_STEP = 0.3, 0.8  # largest distance between positions within this range and outside it
 HALF_LENGTH = 7.5  # a full line extends from c = −HALF_LENGTH to at least HALF_LENGTH; Φ(−7.5) is 3e-14
 LINE_SCENES = 40  # approximate number of scenes for a line
 BATCH = 128  # number of lines in memory at once
-# G counts as jumping at a crossing unless |G| on the failing side is below this multiple of |∂G/∂c|.
+# G is taken to jump at a crossing unless |G| on the failing side is below this multiple of |∂G/∂c|.
 MAX_RESIDUAL = 1e-3
 
 
@@ -45,8 +46,8 @@ class _SurfacePoints(NamedTuple):
 
 
 class _Lines(NamedTuple):
-    """Lines u + cα parallel to the direction α of a design point. The part with c ≥ `low` is inside the
-    region of this design point."""
+    """Lines u + cα parallel to the direction α of a design point. The part of a line with c ≥ `low` is inside
+    the region of this design point."""
 
     u: np.ndarray  # vectors normal to α, shape (m, d)
     low: np.ndarray  # least c inside the region, shape (m,)
@@ -84,8 +85,8 @@ class Line(AbstractEstimator):
             self._scan_positions(low, max(HALF_LENGTH, b + FINE_RANGE), float(b)) for low, b in pairs
         ]
         crossed = find_crossings(self.limit, lines.u, direction, positions)
-        # A failing segment ends at a crossing or at the end of the line; beyond the ends of a full line, G is
-        # assumed to keep its sign.
+        # A failing segment ends at a crossing or at the end of the line. Beyond ±HALF_LENGTH, G is assumed to
+        # keep its sign.
         line_probability = np.where(lines.low <= -HALF_LENGTH, 1.0, scipy.stats.norm.sf(lines.low))
         probability = np.where(crossed.fails_first, line_probability, 0.0)
         np.add.at(
@@ -114,7 +115,8 @@ class Line(AbstractEstimator):
         alpha, beta = self.directions[region], self.points.beta
         u = self.rng.standard_normal((region.size, self.limit.dimension))
         u -= np.sum(u * alpha, axis=1, keepdims=True) * alpha
-        # Inside the region α_i·(u + cα_i) − β_i ≥ α_j·(u + cα_i) − β_j for all j, solved for c.
+        # In the region of design point i, α_i·(u + cα_i) − β_i ≥ α_j·(u + cα_i) − β_j for all j. With
+        # α_i·u = 0, this gives a lower bound of c for each j.
         cosine_gap = np.maximum(1 - alpha @ self.directions.T, 1e-12)
         bound = (u @ self.directions.T - beta + beta[region, None]) / cosine_gap
         bound[np.arange(region.size), region] = -HALF_LENGTH
@@ -124,7 +126,8 @@ class Line(AbstractEstimator):
 
     @staticmethod
     def _scan_positions(low: float, high: float, beta: float) -> np.ndarray:
-        """Return the ascending positions from `low` to `high` at which a line is evaluated first."""
+        """Return the ascending positions from `low` to `high` at which a line is evaluated first; they are
+        denser around `beta`."""
         ends = np.clip([low, beta - FINE_RANGE, beta + FINE_RANGE, high], low, high)
         positions = [np.zeros(0)]
         for a, b, step in zip(ends[:-1], ends[1:], (COARSE_STEP, FINE_STEP, COARSE_STEP), strict=True):

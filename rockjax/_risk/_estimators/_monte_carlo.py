@@ -1,4 +1,4 @@
-"""Monte Carlo: the share of failures among independent samples."""
+"""Monte Carlo: the share of failures among independent samples of standard normal vectors u."""
 
 from __future__ import annotations
 
