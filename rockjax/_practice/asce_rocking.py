@@ -1,6 +1,7 @@
 """Rocking of unanchored bodies by ASCE/SEI 43-05, in the form derived from the energy balance.
 
-Equation (P5) is in docs/practice.md. ĥ is the half height of the equivalent block.
+Equation (P5) is in docs/practice.md. The equivalent block (`block.py`) has the half height ĥ and the
+slenderness α; θ is its rotation.
 """
 
 from __future__ import annotations
@@ -32,8 +33,10 @@ def inertia_factor(tan_alpha: float) -> float:
 
 
 def capacity(theta, tan_alpha: float):
-    """Return S_a,cap/g = 2B(θ)/θ, where S_a,cap is the spectral acceleration that causes the rotation θ, (P5)
-    [–]. The factor F_v of vertical motion is taken as 1.
+    """Return S_a,cap/g = 2B(θ)/θ, (P5) [–].
+
+    S_a,cap is the spectral acceleration that causes the rotation θ. The factor F_v of vertical motion is
+    taken as 1.
 
     - `theta`: rotation > 0, a number or an array of any shape [rad]
     - `tan_alpha`: tan α [–]
@@ -42,7 +45,7 @@ def capacity(theta, tan_alpha: float):
 
 
 def frequency(theta, tan_alpha: float, g_over_height: float):
-    """Return the effective frequency f_e = √(2gB(θ)/(C_3θ²ĥ))/(2π), (P5) [Hz].
+    """Return the effective frequency f_e = √(2gB(θ)/(C_3θ²ĥ))/(2π), with B of `rise`, (P5) [Hz].
 
     - `theta`: rotation > 0, a number or an array of any shape [rad]
     - `tan_alpha`: tan α [–]
@@ -64,8 +67,9 @@ def damping(restitution: float) -> float:
 
 
 def rotations(block: Block, motion: Motion) -> Roots:
-    """Return the roots φ = θ/α of S_a(f_e, β_e) = S_a,cap, (P5), with the absolute spectral acceleration S_a
-    of the motion.
+    """Return the solutions φ = θ/α of S_a(f_e, β_e) = S_a,cap, (P5).
+
+    S_a is the absolute spectral acceleration of the motion at the frequency f_e and the damping ratio β_e.
 
     - `block`: the block
     - `motion`: ground motion

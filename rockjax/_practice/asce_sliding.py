@@ -1,5 +1,4 @@
-"""Sliding of unanchored bodies by ASCE/SEI 43-05, Eqs. (A-1) and (A-2), which are (P6) in
-docs/practice.md."""
+"""Sliding of unanchored bodies by ASCE/SEI 43-05, Eqs. (A-1) and (A-2); (P6) of docs/practice.md."""
 
 from __future__ import annotations
 
@@ -15,7 +14,7 @@ from .spectra import period_grid, refined_maximum, spectrum
 DAMPING = 0.10  # damping ratio of the spectrum [–]
 LONGEST_PERIOD = 10.0  # longest period of the spectrum [s]
 REFINEMENTS = 2  # number of refinements of the frequency f_es
-REFINEMENT_POINTS = 64  # periods in each refinement
+REFINEMENT_POINTS = 64  # number of periods in each refinement
 
 
 def effective_friction(friction: float, vertical: float, g: float) -> float:
@@ -29,10 +28,10 @@ def effective_friction(friction: float, vertical: float, g: float) -> float:
 
 
 def sliding_demand(motion: Motion, capacity: float) -> tuple[float, float]:
-    """Return the largest spectral acceleration at 10 % damping [m/s²], and the frequency f_es [Hz].
+    """Return the largest spectral acceleration with 10 % damping [m/s²], and the frequency f_es [Hz].
 
-    f_es is the lowest frequency at which the spectrum reaches `capacity`; nan if the spectrum is below
-    `capacity` at all periods from 2 dt to 10 s, with the sampling interval dt of the motion.
+    The spectrum is searched at periods from 2 dt to 10 s, with the sampling interval dt of the motion. f_es
+    is the lowest frequency at which it reaches `capacity`, or nan if it is below `capacity` everywhere.
 
     - `motion`: ground motion
     - `capacity`: capacity c_s for sliding [m/s²]

@@ -1,4 +1,7 @@
-"""Base class and results of the simplified methods of practice, (P1) to (P7) of docs/practice.md."""
+"""Base class and results of the simplified methods of practice.
+
+The methods are Eqs. (P1) to (P7) of docs/practice.md. That page also explains their stable solutions.
+"""
 
 from __future__ import annotations
 
@@ -22,8 +25,8 @@ class Quantity(NamedTuple):
     """An intermediate number of a method.
 
     - `value`: a number, or one number for each motion, shape (motions,); None if undefined
-    - `unit`: unit, `"1"` for ratios
-    - `meaning`: symbol and meaning
+    - `unit`: unit of the value; `"1"` for ratios
+    - `meaning`: symbol and meaning of the value
     """
 
     value: float | np.ndarray | None
@@ -38,8 +41,8 @@ class Case:
     - `podium`: a single podium
     - `block`: the rigid block that replaces the podium
     - `motions`: horizontal ground motions
-    - `friction`: coefficient of friction μ [–]; None if it is not given
-    - `vertical`: largest vertical ground acceleration A_v [m/s²]; None if it is not given
+    - `friction`: coefficient of friction μ, ≥ 0 [–]; None if it is not given
+    - `vertical`: largest vertical ground acceleration A_v, ≥ 0 [m/s²]; None if it is not given
     - `confidence_factor`: confidence factor FC of the Italian Circolare 7/2019, ≥ 1 [–]
     """
 
@@ -65,21 +68,23 @@ class MethodResult:
     """Result of a simplified method for one podium and n motions.
 
     - `name`: name for programs; `title`: name for readers; `source`: publication and clause
-    - `equation`: number of the formula in docs/practice.md, such as "(P1)"; `formula`: its text
+    - `equation`: number of the formula in docs/practice.md, such as "(P1)"; `formula`: the formula as text
     - `quantity`, `unit`: the quantity that `capacity` and `demand` measure, and its unit (`"1"` for ratios)
-    - `capacity`: capacity; None if it was not computed
-    - `demand`: demand in each motion, shape (n,); None if it was not computed
-    - `statistic`: whether `governing_demand` is the maximum (`"max"`) or the mean (`"mean"`) of the n demands
-    - `passes`: whether the method accepts the podium: the governing demand does not exceed the capacity, or,
-      for methods that compute a rotation, no motion overturns the podium. None if there is no verdict
-    - `answers`: for each motion, all stable solutions θ/α of the method's equation, ascending. The value 1
-      stands for overturning, and the tuple is empty without uplift. None for methods that compute no rotation
-    - `rotation_ratio`: for each motion, the largest of `answers`, shape (n,) [–]; 0 without uplift. None for
-      methods that compute no rotation
+    - `capacity`: capacity [`unit`]; None if it was not computed
+    - `demand`: demand in each motion, shape (n,) [`unit`]; None if it was not computed
+    - `statistic`: `"max"` or `"mean"`: whether `governing_demand` is the maximum or the mean of the n demands
+    - `passes`: True if the method accepts the podium, False if not, None if there is no verdict. A method
+      that computes a rotation accepts the podium if no motion overturns it. Any other method accepts the
+      podium if the governing demand does not exceed the capacity
+    - `answers`: for each motion, a tuple of all stable solutions θ/α of the method's equation, ascending [–].
+      The value 1 stands for overturning. The tuple is empty if there is no stable solution ≥ 0.01, which
+      counts as no uplift. None for methods that compute no rotation
+    - `rotation_ratio`: for each motion, the largest of `answers`, or 0 if there is none, shape (n,) [–]. None
+      for methods that compute no rotation
     - `values`: intermediate numbers by name, each with `value`, `unit` and `meaning`
     - `conservative`: whether the method is on the safe side: `"yes"`, `"no"` or `"depends"`
-    - `reliability`: what is known about the reliability of the method
-    - `missing`: what was not computed, and why
+    - `reliability`: text on the reliability of the method
+    - `missing`: texts on the parts that were not computed, with the reasons
     - `motions`: names of the motions
     """
 
@@ -112,14 +117,15 @@ class MethodResult:
 
     @property
     def governing_demand(self) -> float | None:
-        """Maximum or mean of the demands, according to `statistic`; None if there are no demands."""
+        """Maximum or mean of the demands, according to `statistic` [`unit`]; None if there are no demands."""
         if self.demand is None:
             return None
         return float(self.demand.max() if self.statistic == "max" else self.demand.mean())
 
     @property
     def utilisation(self) -> float | None:
-        """Governing demand divided by capacity [–]; inf for a capacity ≤ 0, None if either is missing."""
+        """Governing demand divided by capacity [–]; inf for a capacity ≤ 0, None if one of them is
+        missing."""
         demand = self.governing_demand
         if demand is None or self.capacity is None:
             return None
@@ -160,7 +166,8 @@ class Outcome:
 
 
 class AbstractMethod(abc.ABC):
-    """A simplified method. Subclasses define the class variables, as in `MethodResult`, and `outcome`."""
+    """A simplified method. Subclasses define the method `outcome` and the class variables, which are fields
+    of `MethodResult`."""
 
     name: ClassVar[str]
     title: ClassVar[str]
@@ -176,7 +183,7 @@ class AbstractMethod(abc.ABC):
 
     @abc.abstractmethod
     def outcome(self, case: Case) -> Outcome:
-        """Return what the method computes for a case."""
+        """Return the results of the method for a case."""
 
     def obstacles(self, case: Case) -> tuple[str, ...]:
         """Return the reasons why the method cannot be applied to a case; by default there are none."""

@@ -13,9 +13,10 @@ from rockjax._structures import Podium
 class Block:
     """A solitary rocking block that replaces a podium.
 
-    The block rocks like a podium with a rigid superstructure (`Podium.equivalent_block`). The methods use the
-    block for elastic superstructures, too, as if these were rigid; only (P2) considers their vibrations. The
-    fields are those of the podium. `equivalent_R`, `p` and `half_height` are those of the block.
+    The block rocks like a podium with a rigid superstructure (`Podium.equivalent_block`). The methods also
+    use the block for elastic superstructures, as if they were rigid; only (P2) of docs/practice.md considers
+    their vibrations. The fields are parameters of the podium. The properties `equivalent_R`, `p` and
+    `half_height` are those of the block.
 
     - `alpha`: slenderness α, in (0, π/2) [rad]; `g`: acceleration of gravity, > 0 [m/s²]
     - `R`: half diagonal of a column, > 0 [m]; `lam`: inertia factor λ of a column, ≥ 0 [–]
@@ -49,7 +50,8 @@ class Block:
 
     @property
     def threshold(self) -> float:
-        """Ground acceleration g tan α that lifts columns below a rigid superstructure, Eq. (5) [m/s²]."""
+        """Ground acceleration g tan α that lifts columns under a rigid superstructure, Eq. (5) of
+        docs/model.md [m/s²]."""
         return self.g * self.tan_alpha
 
     @property
@@ -59,15 +61,15 @@ class Block:
 
     @property
     def equivalent_R(self) -> float:
-        """Half diagonal R̂ of the equivalent block, R̂ = R[3Γ+¾(1+λ)]/(1+2Γ) [m]."""
+        """Half diagonal R̂ of the block, R̂ = R[3Γ+¾(1+λ)]/(1+2Γ) [m]."""
         return self.R * (3 * self.mass_ratio + 0.75 * (1 + self.lam)) / (1 + 2 * self.mass_ratio)
 
     @property
     def p(self) -> float:
-        """Frequency parameter p̂ of the equivalent block, p̂ = √(3g/4R̂) = p√(R/R̂) [rad/s]."""
+        """Frequency parameter p̂ of the block, p̂ = √(3g/(4R̂)) [rad/s]."""
         return math.sqrt(0.75 * self.g / self.equivalent_R)
 
     @property
     def half_height(self) -> float:
-        """Half height ĥ of the equivalent block, ĥ = R̂ cos α [m]."""
+        """Half height ĥ of the block, ĥ = R̂ cos α [m]."""
         return self.equivalent_R * math.cos(self.alpha)

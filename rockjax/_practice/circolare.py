@@ -12,11 +12,11 @@ from .block import Block
 
 
 class LimitState(NamedTuple):
-    """A limit state of the Circolare.
+    """A limit state of the Circolare. The symbols d_0 and a(d) are those of `Mechanism`.
 
     - `name`: SLV (life safety) or SLC (collapse)
-    - `share`: displacement d divided by d_0 of `Mechanism` [–]
-    - `period_factor`: period divided by π√(d/a(d)), where a(d) is the capacity curve of `Mechanism` [–]
+    - `share`: displacement d of the limit state, divided by d_0 [–]
+    - `period_factor`: period of the limit state, divided by π√(d/a(d)) [–]
     - `damping`: damping ratio ξ of the demand spectrum [–]
     """
 
@@ -31,8 +31,9 @@ SLC = LimitState("SLC", 0.6, 1.56, 0.10)
 
 
 class Mechanism(NamedTuple):
-    """Linear capacity curve of the frame: the acceleration a(d) = a_0* · (1 − d/d_0) at the displacement d,
-    (P7).
+    """Linear capacity curve of the frame, (P7).
+
+    The acceleration that the frame resists at the displacement d is a(d) = a_0* · (1 − d/d_0).
 
     - `mass_share`: participating mass ratio e* = (1+2Γ)²/[(1+Γ)(1+4Γ)], with Γ = `Block.mass_ratio` [–]
     - `acceleration`: acceleration that starts the mechanism, a_0* = g tan α/(e* FC), with the confidence

@@ -8,7 +8,7 @@ from .spectra import largest_displacement
 
 
 class CircolareDisplacement(AbstractMethod):
-    """Check of the mean displacement demand against the capacity d_SLV of the limit state of life safety,
+    """Check of the mean displacement demand of the motions against the capacity d_SLV of life safety,
     (P7)."""
 
     name = "circolare_displacement"

@@ -31,24 +31,25 @@ def simplified_methods(
 ) -> tuple[MethodResult, ...]:
     """Apply simplified methods of practice to a podium and ground motions, outside jit.
 
-    The methods, (P1) to (P7) of docs/practice.md, are for comparison with the exact answer
+    The methods are Eqs. (P1) to (P7) of docs/practice.md. They are for comparison with the exact answer
     ([`rockjax.peak_responses`][]) and do not replace it. Each result states how reliable its method is. Only
     (P2) includes vibrations of the superstructure; the other methods treat the superstructure as rigid. Only
     (P6) includes vertical motion, by the largest vertical acceleration A_v.
 
-    - `podium`: a single podium, with any superstructure. For a podium with tendons, dampers or inerters
-      nothing is computed
+    - `podium`: a single podium, with any superstructure. No method computes anything for a podium with
+      tendons, dampers or inerters
     - `motions`: n sampled motions: a [`rockjax.Motion`][], [`rockjax.Motions`][], records or a list of them
-    - `friction`: coefficient of friction μ, ≥ 0 [–]; without it (P6) computes nothing
-    - `vertical`: largest vertical ground acceleration A_v, ≥ 0 [m/s²]; by default the largest of the vertical
-      components, if every motion has a sampled one. Without A_v (P6) computes nothing
+    - `friction`: coefficient of friction μ, ≥ 0 [–]. Without μ, (P6) computes nothing
+    - `vertical`: largest vertical ground acceleration A_v, ≥ 0 [m/s²]. The default is the largest
+      acceleration of the vertical components, if every motion has a sampled vertical component; otherwise A_v
+      is unknown, and (P6) computes nothing
     - `confidence_factor`: confidence factor FC in (P7), ≥ 1 [–]
     - `methods`: names of methods, in the order of the results; by default all: `"static"` (P1),
       `"spectral_uplift"` (P2), `"priestley"` (P3), `"fema_356"` (P4), `"asce_43_05_rocking"` (P5),
       `"asce_43_05_sliding"` (P6), `"circolare_displacement"` and `"circolare_force"` (P7)
 
-    Returns one [`rockjax.MethodResult`][] for each method; its `missing` states what is not computed, and
-    why. Response spectra are exact for motions that are linear between samples.
+    Returns one [`rockjax.MethodResult`][] for each method. Its field `missing` states which parts are not
+    computed, and why. Response spectra are exact for motions that are linear between samples.
 
     Raises `ValueError` for a podium with arrays of parameters or traced parameters, for motions without
     samples, for numbers out of range and for unknown methods.

@@ -1,6 +1,7 @@
 """Rocking as a linear oscillator with a rotation-dependent period, by Priestley, Evison & Carr (1978).
 
-Equations with a P are in docs/practice.md.
+Eqs. (P3) and (P4) are in docs/practice.md. p̂ and ĥ are the frequency parameter and the half height of the
+equivalent block (`block.py`).
 """
 
 from __future__ import annotations
@@ -45,8 +46,10 @@ def amplitude_after_impacts(phi: float, restitution: float, impacts: int) -> flo
 
 
 def damping_of_decay(phi: float, restitution: float, impacts: int) -> float:
-    """Return the damping ratio of an oscillator that decays as much as a block in n impacts,
-    β = ln(φ_0/φ_n)/(nπ), Eq. (10) of Makris & Konstantinidis (2003) [–]. `damping` approximates it.
+    """Return the damping ratio β = ln(φ_0/φ_n)/(nπ), Eq. (10) of Makris & Konstantinidis (2003) [–].
+
+    A lightly damped oscillator with this damping ratio decays in n half cycles as much as a block in n
+    impacts. `damping` approximates this ratio.
 
     - `phi`: amplitude φ_0 = θ/α at the start, in (0, 1) [–]
     - `restitution`: velocity factor e of an impact, in (0, 1] [–]
@@ -56,7 +59,7 @@ def damping_of_decay(phi: float, restitution: float, impacts: int) -> float:
 
 
 def rotations(block: Block, motion: Motion, damping_ratio: float) -> Roots:
-    """Return the roots φ of φ = S_d(T(φ), β)/(ĥα), (P3), (P4).
+    """Return the solutions φ of φ = S_d(T(φ), β)/(ĥα), (P3) and (P4), with the displacement spectrum S_d.
 
     - `block`: the block
     - `motion`: ground motion

@@ -1,4 +1,7 @@
-"""Solutions φ of F(φ) = φ. F(φ) is the rotation that a method computes from an assumed rotation φ = θ/α."""
+"""Solutions φ of the equation F(φ) = φ of a method.
+
+F(φ) is the rotation, divided by α, that a method computes from an assumed rotation φ = θ/α.
+"""
 
 from __future__ import annotations
 
@@ -38,9 +41,9 @@ class Roots(NamedTuple):
 def find_roots(excess: Callable[[np.ndarray], np.ndarray]) -> Roots:
     """Return the roots of F(φ) − φ in 0.01 ≤ φ ≤ 0.999.
 
-    `excess` is evaluated at 1001 equally spaced points; two roots between neighbouring points are missed. The
-    interval around a root is divided into 63 parts, and the part that contains the root into 63 parts once
-    more. In the last part, `excess` is interpolated linearly.
+    `excess` is evaluated at 1001 equally spaced points. Two roots between neighbouring points are missed. The
+    interval around a root is divided into 63 parts, and the part that contains the root into 63 smaller
+    parts. In the last part, `excess` is interpolated linearly.
 
     - `excess`: F(φ) − φ, or a quantity of the same sign, for an array of φ [–]
     """
@@ -56,7 +59,12 @@ def find_roots(excess: Callable[[np.ndarray], np.ndarray]) -> Roots:
 def _refine_roots(
     excess: Callable[[np.ndarray], np.ndarray], low: np.ndarray, high: np.ndarray, sign: np.ndarray
 ) -> np.ndarray:
-    """Return the root in each bracket, shape (roots,); `sign` is the sign of `excess` at `low`."""
+    """Return the root in each bracket, shape (roots,).
+
+    - `excess`: as for `find_roots`
+    - `low`, `high`: ends of the brackets, shape (roots,) each
+    - `sign`: sign of `excess` at `low`, shape (roots,)
+    """
     if not low.size:
         return low
     rows = np.arange(low.size)

@@ -12,7 +12,7 @@ from rockjax._motions.motion import Motion
 from rockjax._oscillators import Response, ground_load, largest
 
 PERIOD_RATIO = 1.02  # largest ratio of consecutive periods in the search for a maximum
-REFINEMENT_POINTS = 32  # periods in each of the two refinements of a maximum
+REFINEMENT_POINTS = 32  # number of periods in each of the two refinements of a maximum
 NEAR_LARGEST = 0.98  # local maxima above this fraction of the largest value are refined
 
 
@@ -22,8 +22,9 @@ def spectrum(motion: Motion, periods, damping, response: Response) -> np.ndarray
     - `motion`: ground motion
     - `periods`: periods > 0, a number or shape (periods,) [s]
     - `damping`: damping ratio in [0, 1), a number or shape (periods,) [–]
-    - `response`: `"displacement"` for S_d = max|x| relative to the ground [m], `"acceleration"` for
-      S_a = max|2ζωẋ + ω²x|, absolute, not pseudo [m/s²]
+    - `response`: `"displacement"` for S_d = max|x| with the displacement x relative to the ground [m];
+      `"acceleration"` for the absolute acceleration S_a = max|2ζωẋ + ω²x| [m/s²], ω = 2π/T, which is not the
+      pseudo-acceleration
     """
     T, zeta = np.broadcast_arrays(np.atleast_1d(np.asarray(periods, float)), np.asarray(damping, float))
     load = ground_load(motion.acceleration, motion.dt)
@@ -35,9 +36,9 @@ def refined_maximum(
 ) -> float:
     """Return the largest value of a spectrum between the first and the last period.
 
-    All local maxima within 2 % of the largest are refined twice.
+    All local maxima within 2 % of the largest value are refined twice.
 
-    - `values_at`: values of the spectrum at an array of periods
+    - `values_at`: function that returns the values of the spectrum at an array of periods [s]
     - `periods`: ascending periods [s], each at most 2 % longer than the one before
     - `values`: values of the spectrum at `periods`
     """
@@ -61,7 +62,7 @@ def period_grid(shortest: float, longest: float) -> np.ndarray:
 def largest_displacement(motion: Motion, longest: float, damping: float) -> float:
     """Return the largest spectral displacement S_d(T) at periods 0 < T ≤ `longest` [m].
 
-    With ω = 2π/T and the damping ratio ζ, S_d ≤ PGA/ω² coth(πζ/(2√(1−ζ²))). Periods at which this bound is
+    With ω = 2π/T and the damping ratio ζ, S_d(T) ≤ PGA/ω² coth(πζ/(2√(1−ζ²))). Periods at which this bound is
     below S_d(`longest`) are not searched.
 
     - `motion`: ground motion

@@ -14,9 +14,9 @@ from .spectra import spectrum
 def effective_acceleration(podium: Podium, motion: Motion) -> float:
     """Return a_eff = [(1+2γ) PGA + 2Σ η_i S_a(T_i, ζ_i)]/(1+2γ+2η), (P2) [m/s²].
 
-    S_a is the absolute spectral acceleration. γ includes all masses that move with the beam, η only masses
-    that vibrate. By Eq. (9) of docs/model.md and the triangle inequality, the columns cannot lift if
-    a_eff ≤ g tan α.
+    S_a is the absolute spectral acceleration at the fixed-base periods T_i and damping ratios ζ_i of the
+    modes. γ includes all masses that move with the beam; η = Σ η_i includes only the masses that vibrate. By
+    Eq. (9) of docs/model.md and the triangle inequality, the columns cannot lift if a_eff ≤ g tan α.
 
     - `podium`: single podium without tendons, dampers and inerters, with damping ratios below 1
     - `motion`: ground motion

@@ -39,8 +39,9 @@ class Job(NamedTuple):
         """Solve a chunk and write its results, unless the store already has them.
 
         - `k`: index of the chunk
-        - `threads`: number of CPU threads; None for all cores
-        - `devices`: JAX devices, as for [`rockjax.sweep`][]
+        - `threads`: number of CPU threads; not used if `devices` are given
+        - `devices`: JAX devices, as for [`rockjax.sweep`][]. If both are None, all accelerators are used, or
+          all CPU cores if there are no accelerators
 
         Returns the row of the chunk in the store.
         """
@@ -63,7 +64,7 @@ _OPEN_STORES: dict[tuple[str, str], tuple[Store, SceneArrays]] = {}  # by path a
 
 
 def _open_store(job: Job) -> tuple[Store, SceneArrays]:
-    """Return the store of a job and the scenes of the sweep; each process reads both once.
+    """Return the store of a job and the scenes of the sweep. A process reads them only once.
 
     Raises `RuntimeError` if the store is missing, contains another sweep or was made by other versions.
     """
@@ -98,11 +99,10 @@ def solve_scenes(
 
     - `arguments`: (structures, excitations, initial, t_end)
     - `options`: options of the scenes
-    - `threads`: number of CPU threads; None for all cores
-    - `devices`: JAX devices, as for [`rockjax.sweep`][]
+    - `threads`, `devices`: as for `Job.solve`
     - `sensitivities`: parameters y for which y ∂/∂y of the peaks is computed
     """
-    stop = threading.Event()  # with this event `responses` catches Ctrl-C and raises `Interrupted`
+    stop = threading.Event()  # with this event, `responses` raises `Interrupted` on Ctrl-C
     workers = _worker_arguments(devices, threads)
     return responses(*arguments, options, False, stop, sensitivities=sensitivities, **workers)
 

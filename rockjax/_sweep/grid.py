@@ -72,12 +72,13 @@ def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _
           `T_s`, `zeta`, …, and `restitution` if it is a factor, not a law
         - `scale`, a factor on the motion (on both components of a [`rockjax.GroundMotion`][])
         - parameters of a single motion, such as `a_p`, `T_p`, `f_p`. If the podium has a parameter of the
-          same name, a prefix is needed, as in `excitation.gamma`. Parameters of the vertical component of a
-          `GroundMotion` have another prefix, as in `vertical.a_p`
-        - `acceleration_ratio` = a_p/(g tan α) and `frequency_ratio` = ω_p/p of a single pulse
+          same name, the prefix `excitation.` is needed, as in `excitation.gamma`. Parameters of the vertical
+          component of a `GroundMotion` have the prefix `vertical.`, as in `vertical.a_p`
+        - `acceleration_ratio` = a_p/(g tan α) and `frequency_ratio` = ω_p/p of a single pulse, with
+          ω_p = 2π/T_p
 
-    Names with a dot are given as `**{"excitation.gamma": …}`. Axes are broadcast, so a grid of 10⁸ scenes
-    takes no more memory than its axes.
+    Names with a dot are given as `**{"excitation.gamma": …}`. Axes broadcast, so a grid of 10⁸ scenes takes
+    no more memory than the values along its axes.
 
     Raises `ValueError` for a batch of podiums, for unknown or contradictory names, and for values
     that are not one-dimensional or outside their ranges.

@@ -25,8 +25,8 @@ class ChunkLayout(NamedTuple):
     def from_chunk_size(cls, shape: Sequence[int], chunk: int) -> ChunkLayout:
         """Return a layout whose chunks have at most `chunk` scenes.
 
-        A chunk contains the last axes in full, a part of the axis before these, and one index of each other
-        axis.
+        A chunk contains as many of the last axes in full as possible, a part of the axis before these, and
+        one index of each earlier axis.
         """
         chunk_shape, remaining = [], max(1, chunk)
         for n in reversed(shape):

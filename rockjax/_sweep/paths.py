@@ -27,8 +27,10 @@ def is_local(path: str) -> bool:
 
 
 def require_creatable(path: str | Path) -> None:
-    """Raise `OSError` if the folder of a local store cannot be created. To find out, the folder is created
-    and removed again; its parent folders remain."""
+    """Raise `OSError` if the folder of a local store cannot be created.
+
+    To find out, this function creates the folder and removes it again. New parent folders remain.
+    """
     path = expand_path(path)
     if not is_local(path):
         return
@@ -58,16 +60,16 @@ def zarr_store(path: str) -> Any:
 def atomic_folder(path: str) -> Iterator[str]:
     """Yield a temporary folder that is renamed to `path` at the end; for a URL, yield the URL itself.
 
-    A store at a URL is complete when its identity has been written, which is the last step. Raises `OSError`
-    if the folder cannot be written, and `TakenError` if another process has created a store at `path`
-    meanwhile.
+    A store at a URL is complete when the identity of its sweep has been written, which is the last step.
+    Raises `OSError` if the folder cannot be written, and `TakenError` if another process has created a store
+    at `path` meanwhile.
     """
     if not is_local(path):
         yield path
         return
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
-    # The prefix is short because names have at most 255 bytes.
+    # The name does not contain that of the target, because names have at most 255 bytes.
     temporary = tempfile.mkdtemp(prefix=".sweep-", dir=target.parent)
     try:
         yield temporary

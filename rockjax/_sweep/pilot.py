@@ -18,9 +18,9 @@ from .spec import SweepSpec
 from .store import compressed_size, variable_for
 
 SAMPLE_SIZES = (256, 16384)  # smallest and largest number of sampled scenes
-SCENES_PER_SAMPLE = 50  # one in this number of scenes is sampled, within the limits `SAMPLE_SIZES`
-# Shortest and longest wall time of a chunk [s]. Writing the files of shorter chunks would take a large share
-# of the time; longer chunks would lose more work after a failure.
+SCENES_PER_SAMPLE = 50  # one of this number of scenes is sampled, within the limits `SAMPLE_SIZES`
+# Shortest and longest wall time of a chunk [s]. With shorter chunks, writing their files would take a large
+# share of the time. With longer chunks, a failure would lose more work.
 CHUNK_SECONDS = 2.5, 10.0
 # Smallest number of chunks per core, unless chunks would take less than the shortest wall time. With more
 # chunks, fewer cores are idle at the end.
@@ -31,8 +31,8 @@ class Pilot(NamedTuple):
     """A solved sample of the scenes of a sweep."""
 
     scenes: np.ndarray  # flat indices of the sampled scenes
-    steps: np.ndarray  # number of trial steps of each scene
-    step_seconds: float  # time of one core, or of one device, for one trial step [s]
+    steps: np.ndarray  # number of trial steps (accepted and rejected) of each scene
+    step_seconds: float  # time that one core, or one device, needs for a trial step [s]
     variables: dict[str, Any]  # arrays of results, by name
     scene_bytes: float  # size of the results of a scene in the store [bytes]
     memory: int  # memory of the process that solved the sample, see `_resident_memory` [bytes]
@@ -66,8 +66,7 @@ def pilot(spec: SweepSpec, threads: int | None, devices: Devices) -> Pilot:
     """Solve a sample of scenes spread over the sweep, and measure their cost.
 
     - `spec`: specification of the sweep
-    - `threads`: number of CPU threads; None for all cores
-    - `devices`: JAX devices, as for [`rockjax.sweep`][]
+    - `threads`, `devices`: as for `Job.solve`
     """
     scene_arrays, options = spec.scene_arrays, spec.options
     low, high = SAMPLE_SIZES
@@ -78,7 +77,7 @@ def pilot(spec: SweepSpec, threads: int | None, devices: Devices) -> Pilot:
     with precision(spec.is_float64):
         names = spec.sensitivities
         solve = lambda indices: solve_scenes(scene_arrays.at(indices), options, threads, devices, names)
-        solve(scenes[:: max(1, count // low)])  # compiles the programs before the measurement
+        solve(scenes[:: max(1, count // low)])  # compiles the programs, so that the measurement does not
         start_time = time.perf_counter()
         peaks = solve(scenes)
         seconds = time.perf_counter() - start_time

@@ -19,8 +19,10 @@ REPEAT_NOTE = "solved chunks are stored; repeat the call to continue"
 
 
 class LocalRunner:
-    """Runner that solves chunks one after the other in this process, each on all cores or accelerators, or on
-    the given devices."""
+    """Runner that solves chunks one after the other in this process.
+
+    - `devices`: devices that solve a chunk, as for [`rockjax.sweep`][]
+    """
 
     def __init__(self, devices: Devices):
         self.devices = devices
@@ -57,7 +59,11 @@ def _write_error(job: Job, bar: ChunkProgress, error: BaseException) -> OSError:
 
 
 class DaskRunner:
-    """Runner that solves chunks as Dask tasks, each on one core or on all devices of a worker."""
+    """Runner that solves chunks as tasks on the workers of a Dask cluster.
+
+    - `client`: a `dask.distributed.Client`
+    - `devices`: None if a core of a worker solves a chunk, `"all"` if all devices of a worker do
+    """
 
     cores_of_chunk = 1
 
@@ -113,7 +119,7 @@ class DaskRunner:
 
 
 def _solve_chunk(job: Job, k: int, devices: Devices) -> ChunkRow:
-    """Solve chunk k on one core or on devices of a worker."""
+    """Solve chunk k on a worker, on one core or on its devices."""
     return job.solve(k, 1, devices)
 
 
@@ -139,7 +145,7 @@ def _first_line(error: BaseException) -> str:
 
 
 class ChunkProgress:
-    """Progress bar that counts expected trial steps (accepted and rejected), because chunks differ in cost.
+    """Progress bar. It counts expected trial steps (accepted and rejected), because chunks differ in cost.
 
     - `store`: store of the sweep
     - `unsolved`, `solved`: indices of the unsolved and the solved chunks

@@ -18,8 +18,8 @@ class SceneArrays(NamedTuple):
     """The leaves of (structures, excitations, initial, t_end) of a grid of scenes.
 
     - `arrays`: leaves by name, as arrays or objects that can be sliced like arrays. The first axes of a leaf
-      are the axes of the grid, each of full length or of length 1; leaves that all scenes share do not have
-      them. The last axes belong to a single scene, such as the axis of a record's samples
+      are the axes of the grid, each of full length or of length 1. A leaf that all scenes share has no axes
+      of the grid. The last axes belong to a single scene, such as the axis of a record's samples
     - `skeleton`: (structures, excitations, initial, t_end) with names in place of the leaves
     - `shape`: number of scenes along each axis of the grid
     """
@@ -57,7 +57,7 @@ class SceneArrays(NamedTuple):
         return int(np.prod(self.shape, dtype=np.int64))
 
     def _scene_ndims(self) -> dict[str, int]:
-        """Return how many axes of each leaf belong to a single scene and not to the grid, by name."""
+        """Return, by name, how many axes of each leaf belong to a single scene and not to the grid."""
         ndims = own_dimensions(jax.tree.structure(self.skeleton), self.skeleton[1])
         return dict(zip(jax.tree.leaves(self.skeleton), ndims, strict=True))
 

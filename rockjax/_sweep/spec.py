@@ -69,9 +69,9 @@ class SweepSpec(NamedTuple):
 
 
 def _source_digest(output_class: type) -> str:
-    """Return a digest of the source of a user's output class and its base classes, to notice changed code.
+    """Return a digest of the source code of a user's output class and its base classes.
 
-    Return "" if none of these classes has a source file.
+    A changed digest shows that the code has changed. Return "" if none of these classes has a source file.
     """
     sources = []
     for base in output_class.__mro__:
@@ -135,8 +135,12 @@ def _axes(coords, shape: tuple[int, ...]) -> tuple[tuple[str, ...], dict[str, np
 
 
 def check_axis_names(dims: tuple[str, ...], variables: Mapping[str, Variable]) -> None:
-    """Raise `ValueError` if an axis has the name of an answer, of an axis of an answer, or of a group of the
-    store; `variables`: arrays of answers, by name."""
+    """Raise `ValueError` if the store needs the name of an axis for another purpose: for an array of answers,
+    an axis of such an array, or a group.
+
+    - `dims`: names of the axes of the sweep
+    - `variables`: arrays of answers, by name
+    """
     taken = {*variables, *(dim for y in variables.values() for dim in y.extra_dims), *GROUPS}
     for name in dims:
         if name in taken:
@@ -147,8 +151,8 @@ def check_axis_names(dims: tuple[str, ...], variables: Mapping[str, Variable]) -
 
 
 def check_same(store: Store, spec: SweepSpec, chunk: int | None) -> None:
-    """Raise `ValueError` unless a store contains this sweep in chunks of `chunk` scenes. None accepts chunks
-    of any size."""
+    """Raise `ValueError` unless a store contains this sweep, in chunks of at most `chunk` scenes (of any size
+    if `chunk` is None)."""
     layout = store.layout if chunk is None else ChunkLayout.from_chunk_size(spec.shape, chunk)
     differences = list(_differences(store.identity, spec.identity(layout)))
     if differences:
@@ -178,8 +182,8 @@ def _differences(stored: Mapping[str, Any], requested: Mapping[str, Any]) -> Ite
 def sweep_coords(spec: SweepSpec) -> Iterator[tuple[str, Any]]:
     """Yield the coordinates of the dataset of a sweep: name and (dims, values, attributes).
 
-    The coordinates are labels of axes, names of sensitivities, and parameters that vary between scenes, along
-    the axes on which they vary.
+    The coordinates are the labels of the axes, the names of the sensitivities, and the parameters that vary
+    between scenes. A parameter has the dims of the axes along which it varies.
     """
     for name, labels in spec.labels.items():
         axis_attrs = (

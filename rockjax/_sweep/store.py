@@ -32,13 +32,13 @@ if TYPE_CHECKING:
 FORMAT = 1  # version of the store format
 GROUPS = "inputs", "progress"  # names of the groups of a store
 _IDENTITY = "sweep"  # attribute of the group `progress` that contains the identity of the sweep
-_LONG_INPUT = 1_000_000  # longer inputs and 1-D coordinates are stored in chunks [number of values]
+_LONG_INPUT = 1_000_000  # inputs and 1-D coordinates with more values are stored in several chunks
 
 
 class ChunkRow(NamedTuple):
-    """Row of the group `progress` for a solved chunk."""
+    """Row of a solved chunk in the group `progress`."""
 
-    checksum: float  # CRC-32 of the results, see `checksum`
+    checksum: float  # CRC-32 of the results, see the function `checksum`
     seconds: float  # wall time [s]
     steps: float  # number of trial steps
     failed: float  # number of scenes that did not finish
@@ -60,9 +60,9 @@ class Variable(NamedTuple):
 
 
 def variable_for(values: np.ndarray, attrs: Mapping[str, Any], extra_dims: Sequence[str]) -> Variable:
-    """Return the variable that stores these results of a 1-D batch; 64-bit integers become 32-bit ones.
+    """Return the variable that stores results; 64-bit integers become 32-bit integers.
 
-    - `values`: results, shape (scenes, …)
+    - `values`: results of a 1-D batch, shape (scenes, …)
     - `attrs`: attributes of the array
     - `extra_dims`: names of the axes after the first
     """
@@ -152,8 +152,8 @@ class Store:
         - `expected`: expected trial steps of every chunk, shape (chunks,)
         - `attrs`: attributes of the dataset
 
-        Raises `TakenError` if another process has created a store at the path meanwhile; that store is not
-        changed.
+        If another process has created a store at the path meanwhile, raises `TakenError` and leaves that
+        store unchanged.
         """
         path = expand_path(path)
         zarr = _zarr()
@@ -285,8 +285,11 @@ def _read_identity(group: zarr.Group) -> dict[str, Any]:
 
 
 def _input_chunks(shape: tuple[int, ...], layout: ChunkLayout) -> tuple[int, ...]:
-    """Return the shape of the chunks of an input. Along the axes of the grid they are as long as the chunks
-    of the results. An input without the axes of the grid is one chunk."""
+    """Return the shape of the chunks in which an input is stored.
+
+    Along the axes of the grid, these chunks are as long as those of the results. An input without the axes of
+    the grid is a single chunk.
+    """
     grid_ndim = len(layout.shape)
     if any(n not in (1, m) for n, m in zip(shape, layout.shape, strict=False)) or len(shape) < grid_ndim:
         return shape
@@ -303,7 +306,7 @@ def _coord_chunks(array: xarray.Variable, chunk_lengths: Mapping[str, int]) -> t
 
 @contextlib.contextmanager
 def _explain_damage(path: str) -> Iterator[None]:
-    """Return a context that replaces errors of zarr about damaged metadata by a `ValueError`, which names the
+    """Return a context that replaces zarr's errors about damaged metadata by a `ValueError`, which names the
     file and the remedy."""
     try:
         yield
@@ -336,7 +339,7 @@ def _codecs() -> list[Any]:
 
 
 def compressed_size(arrays: Mapping[str, np.ndarray]) -> int:
-    """Return the size of results in a store [bytes]."""
+    """Return the size that results have in a store after compression [bytes]."""
     zarr = _zarr()
     total = 0
     for values in arrays.values():

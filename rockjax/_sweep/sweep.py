@@ -1,7 +1,7 @@
 """Sweeps: any number of scenes, solved in chunks on one or several machines and saved in a zarr store.
 
-A scene is one structure under one ground motion. Each chunk is one batch. With a Dask cluster, Dask
-distributes the chunks and repeats them after the failure of a worker.
+A scene is one structure under one ground motion. Each chunk is one batch. The store is a folder of compressed
+arrays in the format zarr. A Dask cluster distributes the chunks, and repeats chunks of workers that fail.
 """
 
 from __future__ import annotations
@@ -56,32 +56,34 @@ def sweep(
 ) -> xarray.Dataset | SweepPlan:
     """Compute peak responses of any number of scenes in chunks, and save them in a zarr store.
 
-    Call this function outside jit. Scenes are defined as for [`rockjax.peak_responses`][]: the parameters of
-    `structures`, `excitations`, `initial` and `t_end` may be arrays, which broadcast to the shape of the
-    sweep. [`rockjax.grid`][] returns the first three arguments for a grid. Arrays of shape (n,) define a list
-    of scenes.
+    Call this function outside jit. A scene is one structure under one ground motion. Scenes are defined as
+    for [`rockjax.peak_responses`][]: the parameters of `structures`, `excitations`, `initial` and `t_end` may
+    be arrays, which broadcast to the shape of the sweep. [`rockjax.grid`][] returns the first three arguments
+    for a grid. Arrays of shape (n,) define a list of scenes.
 
     The same call resumes an interrupted sweep. Chunks in the store are verified by their checksums and
     reused; missing or damaged chunks are solved. Ctrl-C raises [`rockjax.Interrupted`][], whose `partial` is
     the dataset with the results so far.
 
     - `structures`, `excitations`, `initial`, `t_end`: as for [`rockjax.peak_responses`][]
-    - `coords`: names of the axes in order, or a dict of axis name → labels. The default is `scene` for one
-      axis, and `scene_0`, `scene_1`, … for several
-    - `store`: a folder, or a URL that zarr can write to. With a `client`, all workers must have access to the
-      store under this path or URL
+    - `coords`: names of the axes in order, or a dict of axis name → labels. The default name is `scene` for a
+      single axis; several axes are `scene_0`, `scene_1`, …
+    - `store`: path of a folder, or a URL that zarr can write to. With a `client`, all workers must have
+      access to the store under this path or URL
     - `options`: options of the scenes
     - `outputs`: requested outputs, instead of `options.outputs`
-    - `sensitivities`: parameters y for which y ∂/∂y of every requested peak is stored, as in
-      [`rockjax.peak_responses`][]: `peak_rotation_sensitivity` … with the additional dim `parameter`
+    - `sensitivities`: names of parameters y, as in [`rockjax.peak_responses`][]. The derivatives y ∂/∂y of
+      every requested peak are stored as `peak_rotation_sensitivity` … with the additional dim `parameter`
     - `chunk`: largest number of scenes in a chunk, ≥ 1; by default as many as take a few seconds
-    - `client`: a `dask.distributed.Client`, whose workers solve the chunks, by default one chunk on each
-      core. If None, this process solves one chunk after another, each on all cores or on `devices`
-    - `devices`: `"all"` for all JAX devices of the process that solves a chunk, or a list of devices of this
-      machine. The default is all accelerators, or without accelerators the cores of the CPU
+    - `client`: a `dask.distributed.Client`, whose workers solve the chunks. If None, this process solves one
+      chunk after another
+    - `devices`: devices that solve a chunk. `"all"` means all JAX devices of the process that solves it. A
+      list of devices of this machine is permitted without a `client`. The default with a `client` is one CPU
+      core for each chunk. The default without a `client` is all accelerators, or all CPU cores if there are
+      no accelerators
     - `progress`: True to show a bar with the remaining time
-    - `dry_run`: True to solve only a sample of the scenes and return a `SweepPlan` with the expected time,
-      memory and disk space of the sweep; nothing is written
+    - `dry_run`: True to solve only a sample of the scenes, without writing anything, and to return a
+      `SweepPlan` with the expected time, memory and disk space of the sweep
 
     Returns the store as a lazy `xarray.Dataset`, or a `SweepPlan` if `dry_run`. Parameters that vary between
     scenes are coordinates of the dataset. The `result` of scenes that do not finish names the cause, and a
@@ -134,7 +136,7 @@ def sweep(
 def _create_store(
     path, spec: SweepSpec, layout: ChunkLayout, pilot: Pilot, chunk: int | None, motions
 ) -> Store:
-    """Create the store; if another process has just created it for the same sweep, return that store.
+    """Create the store, or return the store that another process has just created for the same sweep.
 
     - `path`, `chunk`: `store` and `chunk` of `sweep`
     - `spec`, `layout`: specification of the sweep, and its chunks
@@ -191,7 +193,7 @@ class SweepPlan:
     - `chunk`: number of scenes of a chunk along each axis
     - `chunks`: number of chunks
     - `done`: number of scenes already in the store
-    - `steps`: expected number of remaining trial steps
+    - `steps`: expected number of remaining trial steps (accepted and rejected)
     - `core_seconds`: expected time of the remaining trial steps on one core or device [s]
     - `cores`: number of cores or devices that solve the sweep
     - `seconds`: expected wall time [s]
@@ -247,10 +249,11 @@ def _plan(
     runner: LocalRunner | DaskRunner,
     path: str,
 ) -> SweepPlan:
-    """Return the expected cost of a sweep. A store may already contain a part of the sweep.
+    """Return the expected cost of a sweep, or of the rest of a sweep that is partly in the store.
 
     - `spec`, `layout`, `pilot`: specification of the sweep, its chunks, and a solved sample
-    - `store`: the existing store, or None; `path`: path or URL of the store
+    - `store`: the existing store; None if there is none
+    - `path`: path or URL of the store
     - `runner`: the runner that would solve the sweep
     """
     expected = pilot.expected_steps(layout)
