@@ -26,14 +26,14 @@ from .runge_kutta import step as runge_kutta
 from .state import Decision, LoopState, Plan, Scene
 
 # An event or breakpoint counts as simultaneous with the end of the scene if it precedes the end by less than
-# this multiple of the time resolution.
+# this multiple of `Attempt.time_resolution`.
 SIMULTANEOUS = 100
 # Step-size control: safety factor, and the limits of the factor from one step length to the next.
 SAFETY, SHRINK, GROW = 0.85, 0.2, 5.0
 # Largest |y| in the power series of `_length` for the time from θ = 0 to the next impact. For y > 1 the
 # estimated θ never returns to 0.
 MAX_SERIES_ARGUMENT = 0.8
-GroundAcceleration = Callable[[Value], Value]  # t ↦ ground acceleration on one piece of the excitation
+GroundAcceleration = Callable[[Value], Value]  # t [s] ↦ ground acceleration on one piece [m/s²]
 
 
 class Attempt(NamedTuple):
@@ -58,10 +58,10 @@ class StepOutcome(NamedTuple):
     """Outcome of a trial: whether the step is accepted or must be shortened, and the event at its end."""
 
     accepted: Flag
-    retry_fraction: Value  # length of the next trial over that of this one; inf if this need not be shorter
-    lands: Flag  # the step ends on an event, or so close to it that a Taylor expansion covers `after`
+    retry_fraction: Value  # length of the next trial divided by that of this one; inf if none is needed
+    lands: Flag  # the step ends on an event, or so close to it that a Taylor expansion covers the rest
     after: Value  # time from the end of the step to the event or breakpoint there, with derivatives [s]
-    false_uplift: Flag  # the uplift just before the step was false; the columns return to full contact
+    false_uplift: Flag  # the uplift before the step was a rounding error; the columns return to full contact
     largest: tuple[Any, ...]  # largest value of each output in the step; None for outputs without a maximum
 
 

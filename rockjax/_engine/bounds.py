@@ -185,7 +185,7 @@ class Bounds:
         """Bound |θ̈| + θ̇²|sin ψ| inside the well, (C20) [rad/s²].
 
         `springs` is a bound on |Σ η_iF_i| [m/s²] with the forces F_i of the method `springs`, or None if
-        nothing vibrates. By Eq. (14) 2R times the result bounds |ü_b|.
+        nothing vibrates. By Eq. (14), 2R times the result is a bound on |ü_b|.
         """
         c, max_energy, max_sin_psi = self.c, self.energy, self.max_sin_psi
         weight = c.gravity if isinstance(self.vertical, float) else c.gravity * (1 + self.vertical / c.g)

@@ -55,7 +55,7 @@ class Restraint(NamedTuple):
     """Constants of the restrainers (tendons, dampers, inerters)."""
 
     restrainers: tuple[AbstractRestrainer, ...]
-    slip: Value  # |elongation rate|/(Rp) below which forces with an infinite slope are smoothed [–]
+    slip: Value  # |elongation rate|/(Rp) below which forces whose slope is infinite at rate 0 are smoothed
     # θ_w, at most π/2 [rad]: as long as |θ| < θ_w, gravity and restrainers pull the columns back.
     well: Value
     apparent_mass: Value | None  # inertance divided by m_c, μ [–]; None without inerters
@@ -71,7 +71,7 @@ class Restraint(NamedTuple):
 class Joints(NamedTuple):
     """Constants of the joint forces.
 
-    - `gamma`: ratio γ of the mass that moves with the beam; `lam`: inertia factor λ of a column
+    - `gamma`: mass ratio γ of the beam and everything that moves with it; `lam`: inertia factor λ of a column
     - `dead_load`: axial force at rest, averaged over the columns and divided by m_c g, at the bottom and the
       top joint, shape (2,) [–]
     - `impulses`: impulses of an impact divided by m_c and by the impact speed |θ̇⁻|, (F12) [m]

@@ -42,7 +42,7 @@ class Nodes(NamedTuple):
     sigma: Float[Array, " n"]  # contact modes
     piece: Array  # pieces of the excitation
     impact_time: Float[Array, " n"]  # time of the impact that ends the step [s]; NaN for other steps
-    event_time: Float[Array, " n"]  # equal to `t`, which has no derivatives, but with derivatives [s]
+    event_time: Float[Array, " n"]  # `t` with its derivatives, which `t` itself does not have [s]
     used: Index  # number of appended nodes; may exceed the capacity n
 
 

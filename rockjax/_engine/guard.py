@@ -147,9 +147,9 @@ def _paths(
     """Return the guard over the step as a quintic in z, and near the end of the step as a cubic in the time
     past the end.
 
-    In full contact `demand_jet` computes the derivatives of the guard in time. The cubic has exactly the
-    value, slope and curvature of the guard at the end of the step. Over a very short step the quintic has
-    not, because its slopes are differences of nearly equal numbers.
+    In full contact `demand_jet` computes the derivatives of the guard in time. The cubic matches value, slope
+    and curvature of the guard at the end of the step exactly. Over a very short step the quintic does not,
+    because its slopes are differences of nearly equal numbers.
     """
     c, sigma = scene.c, state.sigma
     angle = tuple(sigma * y for y in (state.x[0], state.v[0], a0[0], end.x[0], end.v[0], end.a[0]))

@@ -101,8 +101,8 @@ def third_at_end(path: Quintic, a0: Values, a1: Values, h: Value, max_step: Valu
 
 
 def is_long(h: Value, max_step: Value) -> Flags:
-    """Return whether a step is longer than 1 % of the longest step of the scene. Rounding does not dominate
-    the higher coefficients of its quintic then."""
+    """Return whether a step is longer than 1 % of the longest step of the scene. In such a step, rounding
+    does not dominate the higher coefficients of the quintic."""
     return h > 0.01 * max_step
 
 
@@ -148,8 +148,8 @@ def turning_point_or_dip(polynomial: Quintic, turned: Flags, rising: Flags) -> t
 def turning_point_of_slope(
     coefficients: Sequence[Values], size: Values, turned: Flags, rising: Flags
 ) -> tuple[Values, Flags]:
-    """Do the same as `turning_point_or_dip`, but from the slope of the quantity, a polynomial that may have
-    any positive factor.
+    """Return the results of `turning_point_or_dip`, computed from the slope of the quantity. The slope is a
+    polynomial in z and may be multiplied by any positive factor.
 
     - `coefficients`: coefficients of the slope, lowest power first
     - `size`: order of magnitude of the quantity; a change of sign of the slope within the rounding of this

@@ -1,8 +1,8 @@
 """The model: equations of motion, uplift demand and impact map, numbered as in docs/model.md.
 
 σ ∈ {−1, 0, +1} is the contact mode: 0 is full contact, ±1 rocking with the sign of θ. One vector field serves
-all contact modes: for σ = θ = θ̇ = 0 the angle ψ = σα − θ and the motion of the beam, u_b and u̇_b, are zero,
-and Eq. (22) becomes Eq. (4).
+all contact modes: in full contact σ = θ = θ̇ = 0, so the angle ψ = σα − θ and the displacement u_b and
+velocity u̇_b of the beam are zero, and Eq. (22) becomes Eq. (4).
 
 A state consists of positions x and velocities v. The positions are (θ, u_t) if the superstructure vibrates,
 and (θ,) otherwise. θ is the rotation of the columns [rad], and u_t the horizontal displacement of the
@@ -46,7 +46,7 @@ def steady_step(c: Coefficients, restraint: Restraint, theta_dot: Value, theta_d
     - `theta_dot`, `theta_ddot`: θ̇ [rad/s] and θ̈ [rad/s²] at the start of the step
 
     Some dampers need this limit, because the slope of their force is infinite at θ̇ = 0. The limit is
-    proportional to |θ̇/θ̈|, which is about the time until the columns stop, or the time after they were at
+    proportional to |θ̇/θ̈|, which is about the time until the columns stop, or the time since they were at
     rest. Steps thus become geometrically shorter towards an instant with θ̇ = 0, and the method keeps its
     order there. Derivatives with respect to parameters also stay accurate, although the step-size control
     does not estimate their error.
@@ -350,8 +350,9 @@ def _floor_acceleration(
     a: Vector,
 ) -> Value:
     """Return the absolute horizontal acceleration of a floor with the weights w_i of the modes i, (L2)
-    [m/s²]: Σ w_i(ü_i + ü_g) + (1 − Σ w_i) a_b, with the absolute acceleration a_b of the beam. Without a
-    residual mass, the second term is zero and is left out."""
+    [m/s²]: Σ w_i(ü_i + ü_g) + (1 − Σ w_i) a_b. ü_i is the acceleration of mode i relative to the ground, a_b
+    the absolute acceleration of the beam. Without a residual mass, the second term is zero and is left
+    out."""
     of_modes = weighted(weights, a[1] + ground)
     if modal.residual is None:
         return of_modes

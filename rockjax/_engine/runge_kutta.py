@@ -5,10 +5,10 @@ For x' = v, v' = a(t, x, v), a step needs only the accelerations k_j of its stag
     x_i = x + c_i h v + h² Σ_j (AA)_ij k_j
     v_i = v + h Σ_j A_ij k_j
 
-Here x and v are the state at the start of the step, x_i and v_i the state at stage i, h is the length of the
-step, c_i are the times of the stages as fractions of h, A contains the weights of the method, and AA is the
-matrix product A·A. The formulas are algebraically the same as the method for the first-order system. In the
-tableau of a Nyström method, AA contains independent weights, and A is zero. If the acceleration does not
+Here x and v are the state at the start of the step, and x_i and v_i the state at stage i. The step has the
+length h, and stage i is at the time c_i h after its start. A contains the weights of the method, and AA is
+the matrix product A·A. The formulas are algebraically the same as the method for the first-order system. In
+the tableau of a Nyström method, AA contains independent weights, and A is zero. If the acceleration does not
 depend on the velocity, the compiler removes the velocities of the stages.
 """
 

@@ -133,8 +133,8 @@ def _max_step(c: Coefficients) -> Value:
 
 
 def _max_excited_step(excitation: AbstractExcitation, max_step: Value, options: Options) -> Value:
-    """Return the longest step during the ground motion [s]: a sixteenth of its duration, but at most
-    `max_step`. If a motion has two components, the shorter duration counts."""
+    """Return the longest step during the ground motion [s]: a sixteenth of the duration of the motion, but at
+    most `max_step`. If the motion has two components, the shorter duration counts."""
     start, excitation_end = excitation.support
     duration = excitation.shorter if isinstance(excitation, GroundMotion) else excitation_end - start
     max_excited_step = jnp.where(

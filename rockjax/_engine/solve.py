@@ -51,9 +51,9 @@ def solve(
     - `options`: options of the solver
     - `capacity`: number of nodes to store; None stores none
 
-    Returns ((floats, float fields of the nodes), (integers and flags, integer fields of the nodes)). Floats,
-    integers and flags are dicts of outputs by name. The nodes are the stored steps (`flat.Nodes`), or None
-    without a `capacity`.
+    Returns ((floats, float fields of the nodes), (integers and flags, integer fields of the nodes)). The
+    floats are a dict of outputs by name, the integers and flags another. The nodes are the stored steps
+    (`flat.Nodes`), or None without a `capacity`.
 
     Outside `jax.jit`, where all values are known, the function calls a stored program. With `engine="flat"`
     it also does so inside `jax.grad` and `jax.jvp`, for derivatives with respect to scalar parameters of the

@@ -35,8 +35,8 @@ class Plan:
     - `tableau`: tableau of the Runge–Kutta method
     - `to_the_end`: True if the scene goes on even when no output can change any more, as in a history (a
       scene whose steps are stored)
-    - `fast_forwards`: names of the fast-forwards that may be used: parts of a scene that are skipped without
-      trial steps (see `fast_forward/`)
+    - `fast_forwards`: names of the permitted fast-forwards; each skips a part of a scene without trial steps
+      (see `fast_forward/`)
     """
 
     elastic: bool
@@ -80,12 +80,12 @@ class Scene(NamedTuple):
     end: Value  # end of the scene [s]
     overturn_angle: Value  # overturn_ratio·α [rad]
     rest_speed: Value  # columns come to rest at an impact if |θ̇| after the impact is at most this [rad/s]
-    log_restitution: Value  # −ln e, with the restitution factor e
+    log_restitution: Value  # −ln e ≥ 0, with the restitution factor e [–]
     min_impact_speed: Value  # |θ̇| before an impact that reduces |θ̇| to `rest_speed` [rad/s]
     # Factor < 1 by which error estimates of unusually low order are multiplied (see `_estimate_factor` in
     # scene.py); None if the order is usual.
     estimate_factor: Value | None
-    skip_below: Value  # a sample is skipped only if the error of its step is at most this many tolerances
+    skip_below: Value  # a sample is skipped only if error/tolerance of the step to it is at most this [–]
     # A step counts as ending on an event if the time between the event and the end of the step is at most
     # this fraction of the step.
     landing_fraction: Value
@@ -104,7 +104,7 @@ class LoopState(NamedTuple):
     constant under differentiation; `DIFFERENTIATED` and `_REPORTED` list the fields that have tangents."""
 
     t: Value  # stamp of the present time [s]
-    event_time: Value  # t with the derivatives of the event or breakpoint at t, if there is one [s]
+    event_time: Value  # equal to t, with the derivatives of the event or breakpoint at t, if there is one [s]
     x: Vector  # positions: θ [rad] and, if the superstructure vibrates, u_t [m] (see model.py)
     v: Vector  # velocities: the rates of the positions
     sigma: Value  # contact mode: 0 in full contact, ±1 while rocking, with the sign of θ
@@ -161,7 +161,7 @@ class Decision(NamedTuple):
     h: Value  # length of the step [s]
     reaches_stop: Flag  # the step ends at the next breakpoint or at the end of the scene
     lands: Flag  # the step ends on an event
-    false_uplift: Flag  # the uplift just before the step was false; the columns return to full contact
+    false_uplift: Flag  # the uplift before the step was a rounding error; the columns return to full contact
     mode: Value  # contact mode after the step
 
 

@@ -171,7 +171,7 @@ def _landing(
     - `replayed`: recorded decision of an accepted step to repeat; None if the step is decided here
     """
     constant, h, time_resolution = jax.lax.stop_gradient, trial.h, trial.time_resolution
-    # The step lands if the event is at most this time before or after its end [s].
+    # The step lands if the time between its end and the event is at most this [s].
     max_distance = jnp.maximum(scene.landing_fraction * h, time_resolution)
     is_before_stop = state.t + h + guard.time_past_end <= constant(trial.stop) + time_resolution
     clearance = guard.clearance_at_end.value(guard.time_past_end)
@@ -201,7 +201,7 @@ def _maximum_fraction(view: Step, maxima: tuple[Maximum | None, ...]) -> Value:
     """Return the fraction of this step after which the next trial must end, so that it ends on a maximum of
     the demand or of an output; inf if this is not necessary."""
     state, guard = view.state, view.guard
-    # If |q| turns just below the threshold, the next trial ends at the turning point.
+    # If |q| has a maximum just below the threshold, the next trial ends at this maximum.
     turns_in_contact = (state.sigma == 0) & guard.turned & ~guard.breaks_before_turn
     is_near_uplift = jnp.abs(guard.turn_value) > NEAR_UPLIFT * view.scene.c.uplift
     fraction = view.cut_at_turn(turns_in_contact & is_near_uplift)

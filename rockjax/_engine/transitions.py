@@ -105,7 +105,7 @@ class Jolt(NamedTuple):
     side: Value
     change: Vector  # changes of the velocities due to the jump, before the impact that may follow
     lifts: Flag  # whether columns at rest lift
-    # Whether the jump drives columns into the ground that move at θ = 0, just after an impact or uplift. This
+    # Whether the jump drives moving columns with θ = 0 (just after an impact or uplift) into the ground. This
     # counts as a further impact.
     strikes: Flag
     v: Vector  # velocities after the jump

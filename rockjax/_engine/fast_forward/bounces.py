@@ -30,7 +30,7 @@ class Skipped(NamedTuple):
 
     to_rest: Flag  # the bounces are skipped, and the columns rest
     impacts: Index  # number of skipped impacts; 0 unless `to_rest`
-    min_impact_speed: Value  # least |θ̇⁻| of this impact and the skipped impacts [rad/s]
+    min_impact_speed: Value  # least |θ̇| before this impact or a skipped impact [rad/s]
 
 
 def skipped_bounces(
@@ -74,8 +74,8 @@ def _bounces_to_rest(
     now: tuple[Value, Index, Value | Shaking],
     speed: Value,
 ) -> Flag | None:
-    """Return whether the columns certainly come to rest without a change of any output; None if
-    `AbstractExcitation.at_most` has no formula for this excitation.
+    """Return whether it is certain that the columns come to rest and that no output changes before. Return
+    None if the excitation has no formula for `AbstractExcitation.at_most`.
 
     - `scene`, `plan`, `state`, `now`: as in `skipped_bounces`
     - `speed`: |θ̇| after the impact [rad/s]
