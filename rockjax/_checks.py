@@ -1,8 +1,8 @@
-"""Checks of arguments and their conversion to arrays.
+"""Checks of arguments, and conversion of arguments to arrays.
 
-Only concrete values (numbers, not JAX tracers) are checked. Values that `jax.jit`, `jax.vmap` or `jax.grad`
-traces cannot be checked. If a traced value is invalid, the `result` of the scene reports only some cases,
-such as NaN. Messages begin with the class or function (`owner`), or with the argument (`label`, `name`).
+Only concrete values are checked. Values that `jax.jit`, `jax.vmap` or `jax.grad` traces pass unchecked. If a
+traced value is invalid, the `result` of the scene may say so, for example for NaN, but most invalid values
+remain unnoticed. Messages begin with the class or function (`owner`), or with the argument (`label`, `name`).
 """
 
 import functools
@@ -28,8 +28,8 @@ def as_float(x, label: str = "the value") -> Array:
     """Return `x` as an array of the default floating-point type, see `float_type`.
 
     A Python or NumPy scalar becomes a read-only NumPy array, because the first JAX array of a process starts
-    threads, and then the process cannot be forked. Raises `ValueError`, whose message begins with `label`,
-    for anything but numbers, and for gaps (missing values).
+    threads, and a process with threads must not be forked. Raises `ValueError` for anything but numbers, and
+    for gaps (missing values). The message begins with `label`.
     """
     if isinstance(x, jax.Array) and x.dtype == float_type() and not x.weak_type:  # pyright: ignore[reportAttributeAccessIssue]
         return x
@@ -52,14 +52,14 @@ def as_float(x, label: str = "the value") -> Array:
 
 
 def as_numpy_unless_traced(x, label: str = "the value") -> Any:
-    """Return `as_float(x)`, converted to a NumPy array unless `x` is traced. NumPy does not compile, whereas
-    outside jit every jnp call compiles separately."""
+    """Return `as_float(x)`, converted to a NumPy array unless `x` is traced. NumPy needs no compilation,
+    whereas outside jit every jnp call compiles separately."""
     x = as_float(x, label)
     return x if isinstance(x, Tracer) else np.asarray(x)
 
 
 def as_array(x) -> Array:
-    """Return `x` as a JAX array, without compiling a program for its shape."""
+    """Return `x` as a JAX array, without compiling a program for the shape of `x`."""
     if isinstance(x, jax.Array):
         return x
     refuse_gaps("the value", x)
@@ -67,8 +67,11 @@ def as_array(x) -> Array:
 
 
 def refuse_gaps(name: str, x) -> None:
-    """Raise `ValueError`, whose message names the first gap, if `x` has missing values: masked values, None
-    in a list, or elements that are not numbers (None, NA) in an array of objects."""
+    """Raise `ValueError` if `x` has missing values. The message names the first gap.
+
+    Missing values are masked values, None in a list or tuple, and elements of an array of objects that are
+    not numbers, such as None and NA.
+    """
     if isinstance(x, np.ma.MaskedArray):
         gaps = np.ma.getmaskarray(x)
     elif isinstance(x, np.ndarray) and x.dtype.kind == "O":
@@ -83,8 +86,8 @@ def refuse_gaps(name: str, x) -> None:
 
 
 _CURE = "cut the gap out or fill it"
-# Absolute values that digitisers and libraries write for missing samples: 999, 999.9, 9999 …, the limits
-# of integers and of float32, and the fill values of SMC and netCDF.
+# Absolute values that digitisers and libraries write for missing samples: 999, 999.9, 999.99, 9999, …; the
+# limits of integers and of float32; and the fill values of SMC and netCDF files.
 _SENTINELS = (
     *(10**k - 10**-d for k in range(3, 10) for d in range(3)),
     *(32768, 2147483647, 2147483648, 1e10, 1e20, 1e30, 1.7e38, 3.4028235e38, 9.969209968386869e36),
@@ -92,13 +95,14 @@ _SENTINELS = (
 
 
 def refuse_sentinels(name: str, samples: np.ndarray) -> None:
-    """Raise `ValueError`, whose message names the gap, if samples contain a value that stands for missing
-    samples, such as -999.
+    """Raise `ValueError` if samples contain a value that stands for missing samples, such as -999. The
+    message names the gap.
 
-    One of the `_SENTINELS`, with either sign, stands for missing samples if its absolute value is more than
-    three times the largest absolute value of the other samples. It also does so if it fills at least three
-    successive samples somewhere, and the samples jump by more than half its absolute value at the start or
-    end of a run of it.
+    A value of `_SENTINELS`, with either sign, stands for missing samples in two cases:
+
+    - The absolute value is more than three times the largest absolute value of all other samples.
+    - The value fills at least three successive samples, and where a run of this value starts or ends, the
+      samples jump by more than half of the absolute value.
     """
     sizes = np.abs(samples)
     if not sizes.size or sizes.max() < _SENTINELS[0] - 1:
@@ -118,8 +122,8 @@ def refuse_sentinels(name: str, samples: np.ndarray) -> None:
 
 
 def require_finite_samples(owner: str, samples: np.ndarray) -> None:
-    """Raise `ValueError` if a sample is missing or not finite; time is the last axis. The message names the
-    first such sample and the gap around it."""
+    """Raise `ValueError` if a sample is not finite, or has a value that stands for a missing sample (see
+    `refuse_sentinels`). The message names the first such sample and its gap. Time is the last axis."""
     not_finite = ~np.isfinite(samples)
     if not_finite.any():
         index = tuple(np.argwhere(not_finite)[0])
@@ -153,13 +157,13 @@ def _contains_string(x) -> bool:
 
 
 def as_number(name: str) -> Callable[..., Array]:
-    """Return `as_float` as a field converter whose error messages begin with `name`."""
+    """Return `as_float` as a converter of a field of a class. Its error messages begin with `name`."""
     return functools.partial(as_float, label=name)
 
 
 def check_dtype(owner: str, name: str, tree) -> None:
-    """Raise `ValueError` if a pytree contains floats that were created under another setting of
-    jax_enable_x64."""
+    """Raise `ValueError` if a pytree contains floats whose type is not `float_type()`, because they were
+    created under another setting of jax_enable_x64."""
     expected = float_type()
     for leaf in jax.tree.leaves(tree):
         if (
@@ -187,18 +191,18 @@ def concrete(x) -> np.ndarray | None:
 
 
 def array_module(*values) -> Any:
-    """Return `jax.numpy` if a value is traced, otherwise `numpy`, which does not compile."""
+    """Return `jax.numpy` if a value is traced, otherwise `numpy`, which needs no compilation."""
     return jnp if any(isinstance(y, Tracer) for y in jax.tree.leaves(values)) else np
 
 
 def product(a, b) -> Any:
-    """Return a·b, in NumPy unless a or b is traced."""
+    """Return a·b, computed with NumPy unless a or b is traced."""
     return array_module(a, b).multiply(a, b)
 
 
 def require(owner: str, name: str, x, ok: Callable[[np.ndarray], np.ndarray], accepted: str) -> None:
-    """Raise `ValueError`, whose message names a rejected value, unless every number in `x` is finite and
-    accepted.
+    """Raise `ValueError` unless every number in `x` is finite and accepted by `ok`. The message names the
+    first rejected number.
 
     - `owner`, `name`: class or function, and its argument, for the message
     - `x`: number or array; traced values pass
@@ -219,7 +223,7 @@ def require(owner: str, name: str, x, ok: Callable[[np.ndarray], np.ndarray], ac
 
 
 def require_number(owner: str, name: str, value, ok: Callable[[float], bool], accepted: str) -> float:
-    """Return `value` as a float. Raises `ValueError` unless it is one finite, accepted number.
+    """Return `value` as a float. Raises `ValueError` unless it is a single finite number that `ok` accepts.
 
     - `owner`, `name`: class or function, and its argument, for the message
     - `value`: the number
@@ -251,7 +255,7 @@ def require_whole(owner: str, name: str, value, least: int) -> int:
 
 def as_strings(owner: str, name: str, values) -> tuple[str, ...]:
     """Return the elements of an iterable, such as a list of strings, as a tuple. Raises `ValueError` for
-    a single string, and for anything that is not iterable."""
+    a single string, and for a value that is not iterable."""
     if isinstance(values, str) or not isinstance(values, Iterable):
         raise ValueError(f"{owner}: {name} must be a list of strings, got {format_value(values)}")
     return tuple(values)
@@ -276,7 +280,8 @@ def require_finite(owner: str, **arguments) -> None:
 
 
 def format_value(value) -> str:
-    """Return the representation of a value for a message, or its type if the representation is long."""
+    """Return the representation of a value for a message, or only its type if the representation is longer
+    than a line of 80 characters."""
     if isinstance(value, type):
         return f"the class {value.__name__}"
     representation = repr(value)

@@ -1,8 +1,8 @@
-"""Extensions by other packages: entry points of the group `rockjax.extensions`, each of which is loaded only
+"""Extensions by other packages: entry points of the group `rockjax.extensions`. An extension is loaded only
 when it is used.
 
 For example, the extension `design` implements the command `rockjax design`, and the extension `design-chart`
-plots the files of design charts.
+plots design charts from their files.
 """
 
 from __future__ import annotations

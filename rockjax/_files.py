@@ -1,4 +1,4 @@
-"""Atomic file writes: files are written under a temporary name in the same folder, and then renamed."""
+"""Atomic file writes: a file is written under a temporary name in the same folder, and then renamed."""
 
 from __future__ import annotations
 
@@ -16,22 +16,24 @@ if TYPE_CHECKING:
 
 
 def write_atomically(path: str | Path, write: Callable[[str], object]) -> Path:
-    """Call `write(temporary_name)`, move the file to `path`, and return the path.
+    """Call `write(temporary_name)`, rename the written file to `path`, and return `path`.
 
-    `~` at the beginning of `path` means the home folder. If anything fails, the temporary file is deleted
-    and an existing file is kept. Raises `OSError`, which names the file and the cause, such as a full disk.
+    `~` at the beginning of `path` means the home folder. If anything fails, the temporary file is deleted,
+    and a file that already exists at `path` is kept. Raises `OSError`, which names the file and the cause,
+    such as a full disk.
     """
     path = Path(os.path.expanduser(path))
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        # Writers choose the format by the suffix. The prefix is short, because names have at most 255 bytes.
+        # The temporary name keeps the suffix, by which writers choose the format. The prefix is short,
+        # because names have at most 255 bytes.
         handle, name = tempfile.mkstemp(prefix=".rockjax-", suffix=path.suffix, dir=path.parent)
     except OSError as error:
         raise OSError(f"{path} could not be written: {error.strerror}") from error
     os.close(handle)
     try:
         write(name)
-        # Only the owner may read a file of `mkstemp`; set the usual permissions.
+        # `mkstemp` creates files that only their owner may read; set the usual permissions.
         umask = os.umask(0)
         os.umask(umask)
         os.chmod(name, 0o666 & ~umask)
@@ -53,7 +55,7 @@ def write_dataset(
     path: str | Path, data: xarray.Dataset, groups: Mapping[str, xarray.Dataset] | None = None
 ) -> Path:
     """Write a dataset as a netCDF file, and other datasets as groups of this file, atomically. Return the
-    path. If `data` has no attribute `Conventions`, it is added."""
+    path. The attribute `Conventions` is added to `data` if it is missing."""
     from ._machine.threads import wait_for_imports
 
     wait_for_imports()
@@ -78,13 +80,13 @@ def write_figure(path: str | Path, figure: Figure) -> Path:
 
 
 def as_json(data: Any, ascii: bool = False) -> str:
-    """Return numbers, strings, arrays, lists and dicts as JSON. Numbers that are not finite become null.
-    `ascii` escapes all characters that are not ASCII."""
+    """Return numbers, strings, arrays, lists and dicts as JSON. Numbers that are not finite become null. If
+    `ascii` is True, all characters that are not ASCII are escaped."""
     return json.dumps(_to_json_types(data), indent=2, ensure_ascii=ascii)
 
 
 def _to_json_types(y: Any) -> Any:
-    """Return data as the types that `json` writes, with None for numbers that are not finite."""
+    """Convert data to types that `json` can write. Numbers that are not finite become None."""
     if isinstance(y, dict):
         return {key: _to_json_types(value) for key, value in y.items()}
     if isinstance(y, list | tuple):

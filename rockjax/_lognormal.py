@@ -1,8 +1,8 @@
 """Lognormal distributions, and their maximum-likelihood fits to capacities and to counts of events.
 
-A capacity is the intensity at which an event, such as overturning, first occurs. Counts are the numbers of
-motions that cause the event at several intensity levels. Fits are differentiable with respect to the data, by
-the implicit function theorem at the maximum.
+A capacity is the intensity at which an event, such as overturning, first occurs under one motion. Counts are
+the numbers of motions that cause the event, at several intensity levels. Fits are differentiable with respect
+to the data: the implicit function theorem, applied at the maximum of the likelihood, gives the derivatives.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from rockjax._checks import array_module
 MIN_DISPERSION = 1e-4  # capacities with a smaller dispersion have no fit
 # Counts with a larger dispersion have no fit: the 84 % fractile would be e⁶ = 400 times the 16 % fractile.
 MAX_DISPERSION = 3.0
-MIN_RISE = 1e-9  # a smaller increase of the share of events with the level may be rounding
+MIN_RISE = 1e-9  # a smaller increase of the share of events with the level counts as rounding
 
 
 class Lognormal(NamedTuple):
@@ -43,28 +43,29 @@ class Lognormal(NamedTuple):
 def fit_capacities(
     capacity: Float[Array, " n"], limit: Float[Array, " n"], weights: Float[Array, " n"] | None = None
 ) -> Lognormal:
-    """Fit a lognormal distribution to capacities, some of which may be censored: only a lower bound is known.
+    """Fit a lognormal distribution to capacities. Some capacities may be censored, which means that only
+    a lower bound is known.
 
-    - `capacity`: capacities, shape (n,); inf for censored ones
+    - `capacity`: capacities > 0, shape (n,); inf for a censored capacity
     - `limit`: lower bounds of the censored capacities, shape (n,); other elements are ignored
     - `weights`: weight of each capacity, shape (n,); None for equal weights
 
-    Without censored capacities, ln(median) is the mean of the logarithms, and the dispersion their standard
-    deviation with the divisor n. The result is NaN if fewer than two capacities are observed (not censored),
-    or if the dispersion of the observed ones is at most `MIN_DISPERSION`. The function works under `jit`,
-    `vmap` and `grad` with respect to `capacity`.
+    Without censored capacities, ln(median) is the mean of the logarithms of the capacities, and the
+    dispersion is their standard deviation with the divisor n. The result is NaN if fewer than two capacities
+    are observed (not censored), if the dispersion of the observed capacities is at most `MIN_DISPERSION`, or
+    if the search fails. The function works under `jit`, `vmap` and `grad` with respect to `capacity`.
     """
     is_observed = jnp.isfinite(capacity)
     weight = jnp.ones_like(capacity) if weights is None else weights
     log = jnp.log(jnp.where(is_observed, capacity, limit))
     _, spread = _moments(log, jnp.where(is_observed, weight, 0.0))
     has_fit = spread > MIN_DISPERSION
-    # The fit is made in units of the standard deviation, with each censored capacity at its bound, so that
-    # neither its start nor its accuracy depends on the scale of the data.
+    # The fit uses (ln x − centre)/scale. `centre` and `scale` are the mean and the standard deviation of ln x
+    # with each censored capacity at its bound. Then the scale of the data affects neither start nor accuracy.
     centre, scale = jax.lax.stop_gradient(_moments(log, weight))
     scale = jnp.where(has_fit, scale, 1.0)
 
-    def loss(y, data):  # y = (mean, ln of the standard deviation) in these units
+    def loss(y, data):  # y = (mean, ln of the standard deviation) of (ln x − centre)/scale
         log, weight = data
         z = ((log - centre) / scale - y[0]) / jnp.exp(y[1])
         likelihood = jnp.where(is_observed, norm.logpdf(z) - y[1], norm.logsf(z))
@@ -82,24 +83,29 @@ def _moments(x: Float[Array, " n"], weight: Float[Array, " n"]) -> tuple[Float[A
 
 
 def fit_counts(x: Float[Array, " m"], events: Float[Array, " m"], trials: Float[Array, " m"]) -> Lognormal:
-    """Fit a lognormal distribution to counts at several intensity levels (multiple stripes), by the maximum
-    binomial likelihood of a probit curve in ln x.
+    """Fit a lognormal distribution to counts at several intensity levels (multiple stripes).
+
+    The probability of the event at the level x is Φ(ln(x/median)/dispersion), with the standard normal
+    distribution Φ. The fit maximises the binomial likelihood of the counts.
 
     - `x`: levels, > 0, ascending, shape (m,)
     - `events`: number of motions that cause the event, at each level, shape (m,)
     - `trials`: number of all motions at each level, shape (m,)
 
-    The result is NaN if the likelihood has no maximum. This is the case if all motions or none cause the
-    event, if the lowest level with an event is not below the highest level at which a motion does not cause
-    the event, or if the share of events does not increase with the level. The result is also NaN for a
-    dispersion above `MAX_DISPERSION`.
+    The result is NaN if the likelihood has no maximum, if the dispersion exceeds `MAX_DISPERSION`, or if the
+    search fails. The likelihood has no maximum in three cases:
+
+    - All motions or none cause the event.
+    - The lowest level with an event is not below the highest level at which a motion does not cause it.
+    - The share of events does not increase with the level.
     """
     log = jnp.log(x)
     has_events, has_others = events > 0, events < trials
     lowest = jnp.min(jnp.where(has_events, log, jnp.inf))
     highest = jnp.max(jnp.where(has_others, log, -jnp.inf))
-    # The likelihood is concave in offset and slope of the probit curve. It has its maximum at a slope > 0 if
-    # and only if it increases with the slope at the best curve of slope 0.
+    # With the probability Φ(offset + slope·(ln x − centre)), the log-likelihood is a concave function of
+    # offset and slope. Its maximum is therefore at a slope > 0 if and only if it increases with the slope at
+    # the best curve of slope 0. `rise` has the sign of this increase.
     centre = jnp.sum(trials * log) / jnp.sum(trials)
     rise = jnp.sum(events * (log - centre)) / (jnp.sum(trials) * (log[-1] - log[0]))
     has_fit = jnp.any(has_events) & jnp.any(has_others) & (lowest < highest) & (rise > MIN_RISE)
@@ -110,8 +116,8 @@ def fit_counts(x: Float[Array, " m"], events: Float[Array, " m"], trials: Float[
         likelihood = events * norm.logcdf(z) + (trials - events) * norm.logsf(z)
         return -jnp.sum(likelihood) / jnp.sum(trials)
 
-    # The search starts from a straight line through the probits of the shares of events. Half an event is
-    # added to each count, so that shares of 0 and 1 have finite probits.
+    # The search starts from a straight line fitted to the probits Φ⁻¹(share of events). Half an event and
+    # half a trial without event are added at each level, so that the probits are finite.
     share = (events + 0.5) / (trials + 1.0)
     slope, offset = jnp.polyfit(log - centre, norm.ppf(share), 1)
     y, converged = _minimise(loss, jnp.stack([offset, slope]), (events, trials), has_fit)
@@ -130,16 +136,16 @@ def _lognormal_where(
 def _minimise(misfit, start, data, has_fit: Bool[Array, ""]) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
     """Return the point at which the gradient of a misfit is zero, and whether the search has found it.
 
-    - `misfit`: (y, data) ↦ misfit, for the parameters y of a distribution
+    - `misfit`: (y, data) ↦ misfit, for the parameters y of a distribution, shape (n,)
     - `start`: initial y
     - `data`: pytree of the data
-    - `has_fit`: whether there is a minimum
+    - `has_fit`: whether the misfit has a minimum
     """
     import optimistix as optx  # slow to import, and needed only when a fit is traced
 
     constant = jax.lax.stop_gradient
 
-    # If there is no minimum, y² is minimised, because otherwise the solvers would raise an error.
+    # If the misfit has no minimum, ½|y|² is minimised instead, because otherwise the solvers would fail.
     def loss(y, data):
         return jnp.where(has_fit, misfit(y, data), 0.5 * jnp.sum(y**2))
 
@@ -148,7 +154,7 @@ def _minimise(misfit, start, data, has_fit: Bool[Array, ""]) -> tuple[Float[Arra
         loss, optx.BFGS(1e-8, 1e-8), constant(start), constant(data), max_steps=200, throw=False
     )
     gradient = jax.grad(loss)
-    # Newton's method refines the result and provides the derivatives.
+    # Newton's method refines the result. Its root search also provides the derivatives.
     newton = optx.Newton(1e-12, 1e-12)
     y = optx.root_find(gradient, newton, approximate.value, data, max_steps=20, throw=False).value
     residual = gradient(constant(y), constant(data))

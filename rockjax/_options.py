@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 OUTPUTS = tuple(REGISTRY)
 DEFAULT_OUTPUTS = tuple(name for name, output in REGISTRY.items() if output.by_default)
 LEAST_ATOL = 1e-17  # smallest accepted `atol`
-HISTORY = 4096  # default of `history`
+HISTORY = 4096  # default of `Options.history`
 
 
 def _normalise_outputs(outputs) -> tuple[str | AbstractOutput, ...]:
-    """Return the requested outputs. Outputs of the registry become names; user-defined ones are kept."""
+    """Return the requested outputs. Outputs of the registry become names; user-defined outputs are kept."""
     requested: tuple[Any, ...] = as_strings("Options", "outputs", outputs)
     return tuple(name_if_registered(y) if isinstance(y, AbstractOutput) else y for y in requested)
 
@@ -41,13 +41,14 @@ class Options(Module):
       superstructure, and u·max(p, ω_s) for u̇_t, with α, R, p and g of [`rockjax.Podium`][] and the circular
       frequency ω_s of the superstructure
     - `method`: `"dopri8"` (usually the fastest), `"tsit5"`, `"dopri5"`, `"bosh3"`, or a Diffrax solver.
-      The flat engine accepts explicit Runge–Kutta methods with an error estimate, the segments engine any
-      solver (also `"kvaerno5"`). For `"dopri8"`, the flat engine uses the Nyström method RKN8(6)9FM of the
-      same order if accelerations do not depend on velocities: for rigid podiums without restrainers
+      The flat engine accepts explicit Runge–Kutta methods with an error estimate. The segments engine accepts
+      any solver, also `"kvaerno5"`. For `"dopri8"`, the flat engine uses the Nyström method RKN8(6)9FM of the
+      same order if accelerations do not depend on velocities. This is the case for a podium with a rigid
+      superstructure or none and without restrainers (tendons, dampers and inerters)
     - `engine`: `"flat"`, one loop over the trial steps of a scene; or, for cross-checks, `"segments"`, one
       `diffrax.diffeqsolve` from each event to the next
-    - `overturn_ratio`: |θ|/α at which a scene counts as overturned. This angle |θ| must not exceed π/2 or,
-      with the output `"margin"`, [`rockjax.Podium.stability_angle`][]
+    - `overturn_ratio`: |θ|/α at which a scene counts as overturned [–]. The angle `overturn_ratio`·α must not
+      exceed π/2. With the output `"margin"` it must not exceed [`rockjax.Podium.stability_angle`][]
     - `rest_velocity`: an impact that leaves |θ̇| ≤ `rest_velocity`·pα brings the columns to rest [–];
       by default equal to `rtol`
     - `max_steps`: limit of the number of trial steps of a scene, accepted and rejected together
@@ -55,16 +56,17 @@ class Options(Module):
       `"impacts_before_peak"`, `"margin"`, `"errors"`; for buildings also `"peak_drift"` and
       `"peak_floor_acceleration"`; for the deck `"peak_deck_acceleration"` and `"peak_velocity_jump"`; and for
       the joints `"peak_friction"`, `"axial_force"`, `"peak_foundation_shear"` and `"impact_friction"`. The
-      scene ends as soon as it is certain that none of the requested outputs can change; other outputs are not
-      computed (NaN or None). Unless `"impacts"` is requested, the number of impacts may be NaN or inexact,
+      scene ends as soon as it is certain that none of the requested outputs can change. Outputs that are not
+      requested are NaN or None. Unless `"impacts"` is requested, the number of impacts may be NaN or inexact,
       see [`rockjax.Peak`][]. `"errors"` estimates the errors of the peaks by a second solution. Instances of
       subclasses of [`rockjax.AbstractOutput`][] are user-defined outputs
-    - `history`: number of steps that a history can hold under `jit`; outside jit it grows automatically
-    - `throw`: True to raise an error if a scene does not finish (with a result such as `out_of_steps` or
-      `not_finite`) and no value is traced by JAX
+    - `history`: number of steps that a history can hold under `jit`; outside jit the history grows
+      automatically
+    - `throw`: True to raise an error if a scene does not finish, for example with the result `out_of_steps`
+      or `not_finite`. If JAX traces a value, no error is raised
 
-    Raises `ValueError` for values out of range, such as tolerances below rounding or above 0.1, for unknown
-    methods, engines or outputs, and for engines, methods and outputs that cannot be combined.
+    Raises `ValueError` for values out of range, such as tolerances below rounding or above 0.1; for unknown
+    methods, engines or outputs; and for engines, methods and outputs that cannot be combined.
     """
 
     rtol: float = 1e-8
@@ -79,8 +81,8 @@ class Options(Module):
     )
     history: int = eqx.field(static=True, default=HISTORY)
     throw: bool = eqx.field(static=True, default=True)
-    # Factor on the longest step. It is below 1 in the second solution, which estimates errors. In that
-    # solution, `_engine/scene.py` also changes the landing on events and the rest velocity.
+    # Factor on the longest step. A factor below 1 marks the second solution, which estimates errors. In that
+    # solution, `_engine/scene.py` also uses other tolerances for landing on events and another rest velocity.
     _stride: float = 1.0
 
     def __check_init__(self):
@@ -160,10 +162,11 @@ class Options(Module):
 
 
 def canonical_options(podium: Podium, options: Options) -> Options:
-    """Return the canonical form of options. Requests with equal canonical options share a compiled program.
+    """Return the canonical form of options. Requests with the same canonical form share a compiled program.
 
-    `history` and `throw` have their defaults. Outputs are in the order of the registry, user-defined ones
-    last. Outputs that do not apply to the podium are removed, unless none would remain.
+    In the canonical form, `history` and `throw` have their defaults. Outputs are in the order of the
+    registry, user-defined outputs last. Outputs that do not apply to the podium are removed, unless none
+    would remain.
     """
     parameters, treedef = jax.tree.flatten(options)
     applicable = frozenset(name for name, output in REGISTRY.items() if output.applies(podium))
@@ -173,7 +176,7 @@ def canonical_options(podium: Podium, options: Options) -> Options:
 @functools.lru_cache(maxsize=256)
 def _canonical_treedef(treedef, applicable: frozenset[str]):
     """Return the tree structure of the canonical options."""
-    # Any valid numbers serve as parameters, because only the structure is returned.
+    # Any valid number can stand for the parameters, because only the structure is returned.
     options = jax.tree.unflatten(treedef, [1e-3] * treedef.num_leaves)
     user_outputs = tuple(y for y in options.outputs if not isinstance(y, str))
     select = lambda names: tuple(name for name in REGISTRY if name in names and name in applicable)

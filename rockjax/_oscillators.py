@@ -1,12 +1,14 @@
-"""Largest responses of linear oscillators to a piecewise polynomial floor acceleration a, (L5) to (L8) of
-docs/floors.md and docs/equations.md.
+"""Largest responses of linear oscillators on a floor, whose acceleration a is a piecewise polynomial.
 
-An oscillator has the displacement x relative to the floor, the circular frequency ω, the damping ratio ζ and
-the damped frequency ω_d. With z = ẋ − λ̄x, λ = −ζω + iω_d and its conjugate λ̄, the equation
-ẍ + 2ζωẋ + ω²x = −a becomes ż = λz − a, with one complex unknown instead of two real ones. At a velocity jump
-Δv of the floor, z⁺ = z⁻ − Δv. A piece is a time interval in which a is one polynomial; the solution over a
-piece is exact up to rounding. A response has the form q = Re(c z) with a complex factor c. There are two:
-x, and 2ζωẋ + ω²x, which is minus the absolute acceleration. The same search finds the largest |q| of both.
+The equations (L5) to (L8) are in docs/floors.md and docs/equations.md. An oscillator has the displacement x
+relative to the floor [m], the circular frequency ω [rad/s], the damping ratio ζ and the damped frequency ω_d.
+Its equation is ẍ + 2ζωẋ + ω²x = −a. Let λ = −ζω + iω_d, with the conjugate λ̄. The complex unknown
+z = ẋ − λ̄x [m/s] replaces x and ẋ, and the equation becomes ż = λz − a. A velocity jump Δv of the floor
+changes z by −Δv.
+
+A piece is a time interval in which a is one polynomial. The solution over a piece is exact up to rounding.
+Two responses are computed: x, and 2ζωẋ + ω²x, which is minus the absolute acceleration. Both have the form
+q = Re(c z) with a complex factor c, and the same search finds the largest |q| of each.
 """
 
 from __future__ import annotations
@@ -27,18 +29,20 @@ from rockjax._excitations.sampled import common_size
 from rockjax._machine.threads import precision
 from rockjax._programs.program import StoredProgram
 
-# Least number of pieces per period. Longer pieces are divided, so that few pieces contain a turning point.
+# Least number of pieces per period T_e of an oscillator. Pieces longer than T_e/8 are divided, so that few
+# pieces contain a turning point.
 PIECES_PER_PERIOD = 8
-SERIES_TERMS = 16  # terms of power series in s = λh; enough for pieces of an eighth of a period
+# Number of terms of power series in s = λh, with the length h of a piece; enough for h up to T_e/8.
+SERIES_TERMS = 16
 EXPONENTIAL = np.array([1 / math.factorial(j) for j in range(SERIES_TERMS)])  # coefficients of e^s
-# Largest number of oscillators (lanes) in a group. The shortest period determines the pieces of all of them.
+# Largest number of oscillators (lanes) in a group. The shortest period of a group determines its pieces.
 LANES = 256
 FEW_LANES = 16  # groups are padded to this number of oscillators times a power of 4
 PIECES_PER_BLOCK = 8  # number of pieces in a block; only states at the starts of blocks are stored
 BLOCKS_PER_CALL = 32  # number of blocks that one call of the compiled program solves
-PAIRS = 20_000  # largest number of pairs of a block and an oscillator that are searched together
+PAIRS = 20_000  # largest number of pairs (block, oscillator) that are searched together
 NEWTON_STEPS = 5  # iterations for a turning point, from a start in the same quarter of a piece
-TIE_TOLERANCE = 1e-10  # relative difference below which peaks count as equal; the first peak is returned
+TIE_TOLERANCE = 1e-10  # relative difference below which peaks count as equal; the first one is returned
 
 
 Response = Literal["displacement", "acceleration"]
@@ -51,13 +55,15 @@ class Load(NamedTuple):
     - `start`, `length`: start and length h of the n pieces, contiguous and ascending, shape (n,) [s]
     - `terms`: coefficients c_k of a = Σ c_k (τ/h)^k, with the time τ from the start of the piece, shape
       (n, m+1) [m/s²]
-    - `kick`: velocity jump Δv at the start of each piece, shape (n,) [m/s]
-    - `shift`: velocity jump of the floor times `start_slope`, shape (n,) [m]
-    - `start_slope`: derivative of the start of each piece with respect to the parameter, shape (n,) [s]
+    - `kick`: velocity jump at the start of each piece, shape (n,) [m/s]: Δv for an acceleration, and
+      Δv' − (a⁺ − a⁻)·`start_slope` for a derivative, with the values a⁻ and a⁺ before and after the jump
+    - `shift`: zero for an acceleration, and Δv·`start_slope` for a derivative, shape (n,) [m]
+    - `start_slope`: zero for an acceleration; for a derivative, the derivative of the start of each piece
+      with respect to the parameter, shape (n,) [s]
 
-    For an acceleration, `shift` and `start_slope` are zero. For a derivative, all units but those of `start`
-    and `length` are divided by the unit of the parameter, and z jumps by λ `shift` − `kick` at the start of a
-    piece, because this start moves with the parameter.
+    At the start of a piece, z jumps by λ·`shift` − `kick`. For a derivative this is the jump (L8), which
+    includes the effect of the start moving with the parameter. The units of a derivative, except those of
+    `start` and `length`, are divided by the unit of the parameter.
     """
 
     start: np.ndarray
@@ -209,10 +215,12 @@ class _States(NamedTuple):
 
 
 def _states(load: Load, pole: np.ndarray, factors: tuple[np.ndarray, ...]) -> _States:
-    """Return the states of oscillators that start from rest, and the sizes of responses with factors c."""
+    """Return the states of oscillators that start from rest, and the sizes of the responses with the factors
+    c = `factors`."""
     count, lanes, rows = pole.size, common_size(pole.size, FEW_LANES, 4), PIECES_PER_BLOCK * BLOCKS_PER_CALL
     padding = -load.length.size % rows
-    # Compiled programs get complex numbers as pairs of real numbers, for a padded number of oscillators.
+    # The compiled program gets complex numbers as pairs of real numbers. The number of oscillators is padded,
+    # so that few programs are compiled.
     as_pairs = lambda y: np.pad(
         np.stack([np.real(y), np.imag(y)], axis=-2), [(0, 0)] * y.ndim + [(0, lanes - count)]
     )
@@ -235,9 +243,8 @@ def _states(load: Load, pole: np.ndarray, factors: tuple[np.ndarray, ...]) -> _S
 
 @StoredProgram
 def _solve_blocks(state, series, kick, shift, powers, factors):
-    """Return z after `BLOCKS_PER_CALL` blocks, z at the start of each block, and the sizes of each block.
-
-    Complex numbers are pairs of real numbers.
+    """Return z after `BLOCKS_PER_CALL` blocks, z at the start of each block, and the largest |q| at the ends
+    of the pieces of each block. Complex numbers are pairs of real numbers.
 
     - `state`: z of N oscillators at the start, shape (2, N)
     - `series`: coefficients from `_series`, shape (2, pieces, `SERIES_TERMS`)
@@ -268,10 +275,11 @@ def _solve_blocks(state, series, kick, shift, powers, factors):
 
 
 def _taylor(z: np.ndarray, pole: np.ndarray, length: np.ndarray, terms: np.ndarray) -> np.ndarray:
-    """Return the coefficients Z_n of z = Σ Z_n (τ/h)^n in pieces, from ż = λz − a; shape (`SERIES_TERMS`, k).
+    """Return the coefficients Z_n of z = Σ Z_n (τ/h)^n in k pieces, shape (`SERIES_TERMS`, k). They follow
+    from ż = λz − a.
 
     - `z`, `pole`, `length`: z at the start of each piece, λ, and the length h of the piece, shape (k,)
-    - `terms`: coefficients of the acceleration, shape (k, m+1)
+    - `terms`: coefficients c_n of the acceleration in each piece, shape (k, m+1)
     """
     coefficients = np.empty((SERIES_TERMS, z.size), complex)
     coefficients[0], s = z, pole * length
@@ -286,12 +294,15 @@ def _taylor(z: np.ndarray, pole: np.ndarray, length: np.ndarray, terms: np.ndarr
 def _series_of_block(
     load: Load, z: np.ndarray, pole: np.ndarray, block: np.ndarray
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Yield the first pieces of blocks, then the second pieces, and so on, each time as three arrays: indices
-    in `block` of the blocks that have such a piece, indices of the pieces, and the coefficients of z from
-    `_taylor`.
+    """Solve k blocks of pieces together: first the first piece of every block, then the second piece, and so
+    on.
 
     - `z`, `pole`: z at the start of each block, before a velocity jump, and λ, shape (k,)
     - `block`: indices of the blocks in the load, shape (k,)
+
+    Yields three arrays each time: the positions in `block` of the blocks that have such a piece (the last
+    block of a load may have fewer pieces), the indices of the pieces in the load, and the coefficients of z
+    in these pieces from `_taylor`.
     """
     index, z = np.arange(z.size), z.copy()
     for row in range(PIECES_PER_BLOCK):
@@ -304,7 +315,8 @@ def _series_of_block(
 
 
 def _series_in_piece(load: Load, states: _States, pole: np.ndarray, piece: np.ndarray) -> np.ndarray:
-    """Return the coefficients of z in one piece of each oscillator, as returned by `_taylor`."""
+    """Return the coefficients of z (see `_taylor`) in one piece for each oscillator; `piece` has the indices
+    of these pieces in the load."""
     found = np.empty((SERIES_TERMS, piece.size), complex)
     block, lanes = piece // PIECES_PER_BLOCK, np.arange(piece.size)
     for index, reached, series in _series_of_block(load, states.starts[block, lanes], pole, block):
@@ -314,10 +326,11 @@ def _series_in_piece(load: Load, states: _States, pole: np.ndarray, piece: np.nd
 
 
 def _turning_points(series: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the indices of pieces in which a response has a turning point, and the fraction τ/h of this
-    point. A quarter of a piece has a turning point if the rate has different signs at the quarter's ends.
+    """Return the turning points of a response as two arrays: the index of the piece and the fraction τ/h.
 
-    - `series`: coefficients of powers of τ/h in each piece, shape (`SERIES_TERMS`, k)
+    - `series`: coefficients of the response q in powers of τ/h, in k pieces, shape (`SERIES_TERMS`, k)
+
+    A turning point is found in a quarter of a piece if q̇ has different signs at the ends of the quarter.
     """
     quarters = np.linspace(0.0, 1.0, 5)
     rate = polynomial.polyder(series)
@@ -336,9 +349,9 @@ def _turning_points(series: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 class _Peak(NamedTuple):
-    """The largest |q| of each oscillator: the value q there, and the piece and the fraction τ/h at which |q|
-    first reaches it. Free vibration after the end counts as one more piece, whose `fraction` is the time
-    since the end [s]."""
+    """The largest |q| of each oscillator: the value of q there, and the piece and the fraction τ/h at which
+    it is first reached. The free vibration after the end of the load counts as one more piece, whose
+    `fraction` is the time after this end [s]."""
 
     value: np.ndarray
     piece: np.ndarray
@@ -354,16 +367,17 @@ def _response(factor: np.ndarray, z: np.ndarray) -> np.ndarray:
 def _search(
     load: Load, oscillators: _Oscillators, factor: np.ndarray, states: _States, sizes: np.ndarray
 ) -> _Peak:
-    """Return the largest responses up to the end of the last piece. Only pieces that may contain them are
-    searched.
+    """Return the largest responses up to the end of the last piece. Only pieces that may contain the largest
+    response of an oscillator are searched for turning points.
 
     - `load`, `oscillators`, `factor`: the load, N oscillators, and c of the response q = Re(c z)
     - `states`: states of the oscillators
     - `sizes`: largest |q| at the ends of the pieces of each block, shape (blocks, N)
     """
     best = sizes.max(axis=0)
-    # In a piece with a turning point, |q| exceeds its values at the ends by at most h²/8 max|q̈|, and |q̇| ≤ h
-    # max|q̈|. The load alone determines q̈ + 2ζωq̇ + ω²q, so a bound of this sum leads to a bound of max|q̈|.
+    # A piece is searched if |q| at one of its ends is at least `min_size`. In a piece with a turning point,
+    # |q| exceeds its larger end value by at most (h²/8) max|q̈|, and |q̇| ≤ h max|q̈|. The load alone
+    # determines q̈ + 2ζωq̇ + ω²q. A bound of this sum gives a bound of max|q̈|, and thereby `min_size`.
     h, omega, terms = load.length, oscillators.omega, np.abs(load.terms)
     largest_load = (terms.sum(axis=1) * h**2).max() * np.abs(np.real(factor * oscillators.pole))
     steepest = ((terms @ np.arange(terms.shape[1])) * h).max() * np.abs(np.real(factor))
@@ -397,9 +411,9 @@ def _search(
 def _first_peak(
     value: np.ndarray, lane: np.ndarray, piece: np.ndarray, fraction: np.ndarray, count: int
 ) -> _Peak:
-    """Return the largest |value| of each lane; if several are equal, the first in time.
+    """Return the largest |q| of each lane (oscillator); if several are equal, the first in time.
 
-    - `value`, `lane`, `piece`, `fraction`: values q, with the lane, the piece and τ/h of each
+    - `value`, `lane`, `piece`, `fraction`: values of q, with the lane, the piece and τ/h of each value
     - `count`: number of lanes
     """
     size = np.zeros(count)
@@ -418,15 +432,15 @@ def _delay(oscillators: _Oscillators, factor: Any, z: Any) -> Any:
 
 
 def _next_turn(oscillators: _Oscillators, factor: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return q at the next turning point in free vibration from the state z, after which |q| is never larger,
-    and the time until this point [s]."""
+    """Return q at the next turning point in free vibration from the state z, and the time until this point
+    [s]. Later values of |q| are not larger."""
     delay = _delay(oscillators, factor, z)
     return np.real(factor * z * np.exp(oscillators.pole * delay)), delay
 
 
 def next_turns(period: Any, damping: Any, x: Any, rate: Any) -> tuple[Any, Any]:
-    """Return |x| [m] and |2ζωẋ + ω²x| [m/s²] at their next turning points in free vibration, for use in
-    compiled functions.
+    """Return |x| [m] and |2ζωẋ + ω²x| [m/s²] at their next turning points in free vibration. The function can
+    be compiled and differentiated by JAX.
 
     - `period`, `damping`: T_e [s] and ζ [–]
     - `x`, `rate`: displacement relative to the floor [m] and its rate ẋ [m/s] at the start
@@ -435,7 +449,7 @@ def next_turns(period: Any, damping: Any, x: Any, rate: Any) -> tuple[Any, Any]:
     z = rate - jnp.conj(oscillators.pole) * x
 
     def largest_response(factor: Any) -> Any:
-        # The rate of q is zero at the turning point, so the delay does not affect derivatives.
+        # At the turning point q̇ is zero, so a change of the delay does not change q to first order.
         delay = jax.lax.stop_gradient(_delay(oscillators, factor, z))
         return jnp.abs(jnp.real(factor * z * jnp.exp(oscillators.pole * delay)))
 
@@ -451,7 +465,7 @@ def _largest(
     rests: bool,
     responses: tuple[Response, ...],
 ) -> Peaks:
-    """Return the largest responses as `largest` does; pieces must be at most an eighth of every period."""
+    """Return the largest responses as `largest` does, for pieces of at most an eighth of every period."""
     oscillators = _oscillators(period, damping)
     pole, last = oscillators.pole, load.length.size
     requested = [response in responses for response in RESPONSES]
@@ -498,8 +512,8 @@ def _slope(
     - `states`, `peak`: states of the oscillators under the load, and their largest |q|
     - `slope`, `slope_states`: derivative of the load with respect to a parameter, and states under it
 
-    The derivative of a peak is the derivative of q at a fixed time. For a peak at an end of a piece, the rate
-    of q times the derivative of the time of this end is added.
+    The derivative of a peak is the derivative of q at a fixed time. If the peak is at an end of a piece, q̇
+    times the derivative of the time of this end is added.
     """
     pole, last = oscillators.pole, load.length.size
     is_free, k = peak.piece == last, np.minimum(peak.piece, last - 1)  # in free vibration after the load

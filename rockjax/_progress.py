@@ -15,7 +15,8 @@ TICK = 1.0  # time between updates of the elapsed time [s]
 
 
 def start_clock(progress_bar: Any) -> threading.Event:
-    """Start a thread that redraws a bar every second, and return an event that ends the thread.
+    """Start a thread that redraws a bar every second, and return the `threading.Event` that ends the thread
+    when it is set.
 
     The thread also ends if the bar is deleted. A disabled bar gets no thread.
     """
@@ -32,11 +33,12 @@ def start_clock(progress_bar: Any) -> threading.Event:
 
 
 class Bar(tqdm):
-    """A progress bar whose rate excludes the time before the first update, in which programs are compiled or
-    loaded.
+    """A progress bar whose rate excludes the time before the first update. During this time programs are
+    compiled or loaded.
 
     The elapsed time is redrawn every second, also while a program is compiled. If a `with` block ends without
-    an exception after at least one update, the bar is full, even if fewer than `total` units were needed.
+    an exception after at least one update, the bar is drawn full, even if fewer than `total` units were
+    needed.
     """
 
     def __init__(self, **settings):
@@ -64,7 +66,7 @@ class Bar(tqdm):
     def __exit__(self, error_type, error, trace):
         if error_type is None and not self.disable and self.total is not None and 0 < self.n < self.total:
             self.total = self.n
-            widget = getattr(self, "container", None)  # in a notebook: description, bar and numbers
+            widget = getattr(self, "container", None)  # only in a notebook; children[1] is the bar
             if widget is not None:
                 widget.children[1].max = self.n
             self.refresh()

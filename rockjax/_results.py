@@ -1,4 +1,5 @@
-"""Results of scenes and their codes, states, and statistics."""
+"""Results of scenes (how a scene ended) with their codes, the state of a structure, and statistics of
+scenes."""
 
 from __future__ import annotations
 
@@ -68,7 +69,7 @@ NAMES = (
     *("settled", "end_of_time", "overturned", "out_of_steps", "not_finite", "history_full", "interrupted"),
     *("chattering", "too_stiff", "weightless"),
 )
-# Attributes of dataset variables with result codes, as the CF conventions prescribe for flags.
+# Attributes of the dataset variables that contain result codes, as the CF conventions prescribe for flags.
 FLAGS = {"flag_values": np.arange(len(NAMES), dtype=np.int8), "flag_meanings": " ".join(NAMES)}
 
 
@@ -86,25 +87,26 @@ def code_of(result: RESULTS) -> Int[Array | np.ndarray, "*batch"]:
 
 
 def did_not_finish(code: Any) -> Any:
-    """Return True for the code of a scene that did not finish; elementwise for arrays of codes."""
+    """Return whether a code is the code of a scene that did not finish; elementwise for arrays of codes."""
     return code > OVERTURNED
 
 
 def outcomes(data: xarray.Dataset) -> xarray.DataArray:
-    """Return the outcomes of the scenes of a dataset: 1 if the podium overturns, 0 if it does not, and NaN if
-    the scene did not finish, because its outcome is unknown."""
+    """Return the outcomes of the scenes of a dataset: 1 if the podium overturns, 0 if it does not, and NaN
+    (unknown) if the scene did not finish."""
     overturned = data["overturned"].astype(float)
     return overturned.where(~did_not_finish(data["result"])) if "result" in data else overturned
 
 
 def explain(code: int) -> str:
-    """Return the name and the message of the result with a code. Messages of failures name the cure."""
+    """Return the name and the message of the result with a code. For a scene that did not finish, the message
+    names the cure."""
     return f"{NAMES[code]}: {RESULTS[getattr(RESULTS, NAMES[code])]}"
 
 
 def explain_failures(codes) -> str:
-    """Return a message about the scenes that did not finish: their number, and cause and cure for each of
-    their results. The message is empty if all scenes finished.
+    """Return a message about the scenes that did not finish: their number, and the cause and the cure for
+    each of their results. The message is empty if all scenes finished.
 
     - `codes`: codes of results, of any shape
     """
@@ -119,8 +121,8 @@ def explain_failures(codes) -> str:
 class Interrupted(KeyboardInterrupt):
     """Raised if Ctrl-C stops a computation.
 
-    - `partial`: the incomplete answer, in the form of the complete one, or None if there is no answer yet.
-      Unsolved scenes have the result `interrupted`, and NaN in place of numbers
+    - `partial`: the incomplete answer, of the same type as the complete answer, or None if there is no answer
+      yet. Unsolved scenes have the result `interrupted`, and NaN in place of numbers
     """
 
     def __init__(self, message: str, partial: Any):
@@ -133,8 +135,9 @@ class State(Module):
 
     - `theta`, `theta_dot`: rotation [rad] and its rate [rad/s]
     - `u_t`, `u_t_dot`: displacement of the top mass relative to the ground [m] and its rate [m/s].
-      Both have no effect without an elastic superstructure. With several modes, the last axis holds u_i and
-      u̇_i of the modes; a scalar means that all floors have this displacement or rate
+      Both have no effect without an elastic superstructure. For a superstructure with several modes, the last
+      axis has the displacement or rate of each mode; a scalar means that all floors have this displacement or
+      rate
     """
 
     theta: Float[Array, "*times"] = eqx.field(converter=as_number("State: theta"), default=0.0)
@@ -143,7 +146,7 @@ class State(Module):
     u_t_dot: Float[Array, "*times"] = eqx.field(converter=as_number("State: u_t_dot"), default=0.0)
 
 
-# The state at rest, with NumPy arrays because a JAX array would start the backend on import.
+# The state at rest. Its arrays are NumPy arrays, because a JAX array would start JAX's backend on import.
 REST = jax.tree.map(lambda y: np.zeros(y.shape, y.dtype), jax.eval_shape(State))
 
 

@@ -15,10 +15,11 @@ import numpy as np
 from jaxtyping import Array
 
 MAX_ROUNDS = 64  # largest number of divisions of a bracket
-# `narrow_brackets` evaluates points on both sides of the root of the straight line through the ends. The
-# offset is the typical distance of these points from this root, divided by the length of the bracket.
+# The secant root of a bracket is the root of the straight line through the function values at both ends.
+# `narrow_brackets` evaluates points on both sides of the secant root. The offset is the typical distance of
+# these points from the secant root, divided by the length of the bracket.
 FIRST_OFFSET = 0.02  # offset in the first round
-OFFSET_FACTOR = 3.0  # offset in later rounds, divided by the expected error of the root
+OFFSET_FACTOR = 3.0  # offset in later rounds, divided by the expected relative error of the secant root
 MAX_OFFSET = 0.03  # brackets with a larger offset are divided into equal parts
 
 
@@ -69,13 +70,13 @@ def newton(f: Callable[[Array], Array], positive: Array, negative: Array, count:
 
 
 def points_near_root(at_a, at_b, even: int, offsets, xp: Any = np):
-    """Return points inside n brackets from a to b, as ascending fractions of the bracket, shape (n, even +
-    2k).
+    """Return points inside n brackets from a to b, as ascending fractions of the way from a to b, shape
+    (n, even + 2k).
 
     - `at_a`, `at_b`: values at the ends a and b, one > 0 and the other ≤ 0, shape (n,)
     - `even`: number of equally spaced points, which narrow the bracket of any function
-    - `offsets`: k distances of further points on both sides of the root of the straight line through the
-      ends, as fractions of the bracket; they narrow brackets of smooth functions quickly
+    - `offsets`: distances of k further points on each side of the secant root, divided by the length of the
+      bracket, shape (k,) or (n, k). These points quickly narrow the brackets of smooth functions
     - `xp`: `numpy` or `jax.numpy`
     """
     drop = xp.where(at_a == at_b, 1.0, at_a - at_b)
@@ -90,10 +91,11 @@ def _even_fractions(count: int) -> np.ndarray:
 
 
 class Brackets(NamedTuple):
-    """n brackets, as arrays of shape (n,), and an output of the function (see `narrow_brackets`)."""
+    """n brackets, as arrays of shape (n,), with an output that `narrow_brackets` evaluates together with the
+    function."""
 
-    a: np.ndarray  # ends with values > 0
-    b: np.ndarray  # ends with values ≤ 0
+    a: np.ndarray  # ends at which the function is > 0
+    b: np.ndarray  # ends at which the function is ≤ 0
     at_a: np.ndarray  # values at a
     at_b: np.ndarray  # values at b
     output_at_b: np.ndarray  # outputs at b
@@ -105,17 +107,19 @@ def narrow_brackets(
     relative_width: float,
     lanes: int,
 ) -> Brackets:
-    """Narrow brackets to a relative width, in at most 64 rounds, with NumPy.
+    """Narrow brackets to a relative width, in at most `MAX_ROUNDS` rounds, with NumPy.
 
     - `brackets`: brackets to narrow
     - `evaluate`: (indices of brackets (m,), points (m, k)) ↦ (values, outputs), both of shape (m, k).
       A value NaN counts as > 0
     - `relative_width`: width to reach, divided by the larger absolute value of the two ends
-    - `lanes`: number of points that are evaluated together, in all brackets; at least two in each bracket
+    - `lanes`: number of points that are evaluated in a round, in all brackets together. At least two points
+      are evaluated in each bracket, even if their number then exceeds `lanes`
 
-    The straight line through the ends of a bracket has a root. Points on both sides of this root are
-    evaluated, at distances that follow from the error of the previous root. If these distances are large, for
-    example because the function jumps, the bracket is divided into equal parts.
+    A round evaluates some equally spaced points in each bracket, and points on both sides of the secant root.
+    The distances from the secant root follow from the error of the secant root in the previous round. If
+    these distances are large, for example because the function jumps, the bracket is divided into equal
+    parts.
     """
     a, b, at_a, at_b, output_at_b = brackets = Brackets(*map(np.array, brackets))
     offset = np.full(a.size, FIRST_OFFSET)
@@ -142,7 +146,8 @@ def narrow_brackets(
         for ends, inner in ((b, points), (at_b, values), (output_at_b, outputs)):
             ends[wide] = np.append(inner, ends[wide, None], axis=1)[row, first]
         error = np.abs(_secant_root(*(y[wide] for y in brackets[:4])) - root)
-        # For a smooth function, the error of this root is proportional to the square of the bracket's length.
+        # `error` is the error of the old secant root. For a smooth function, the error of the new secant root
+        # is smaller by the square of the ratio of the lengths of the new and the old bracket.
         offset[wide] = OFFSET_FACTOR * error * np.abs((b - a)[wide]) / length**2
     return brackets
 

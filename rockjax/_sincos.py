@@ -1,10 +1,11 @@
 """Sine and cosine from polynomials, with derivative rules.
 
-In float64 the compiler would call scalar library routines, whereas polynomials use vector instructions. In
-the equations of motion the argument ψ = σα − θ, with the side σ = ±1 of the rotation, stays within ±π/2.
-There, polynomials of eight terms are accurate to rounding. In a rejected trial step |ψ| may be larger; the
-error then grows smoothly to 1e-8 at |ψ| = 3. The phase of a ground motion may be any number, and is first
-reduced to ±π/2.
+In float64 the compiler would call scalar library routines, whereas polynomials use vector instructions.
+
+`sincos` is for the equations of motion. There the argument is ψ = σα − θ, with the sign σ = ±1 of the
+rotation θ, and |ψ| ≤ π/2. In this range, polynomials of eight terms are accurate to rounding. In a rejected
+trial step |ψ| may be larger; the error then grows smoothly, to 1e-8 at |ψ| = 3. `sin` and `cos` are for the
+phases of ground motions. They accept any argument and first reduce it to ±π/2.
 """
 
 import math
@@ -20,14 +21,14 @@ _LIMIT = Fraction(5, 2)  # upper limit of ψ² for the polynomials, slightly mor
 
 
 def _economised(series: list[Fraction], terms: int) -> tuple[float, ...]:
-    """Return the coefficients of a power series in z, reduced to `terms` terms by Lanczos' economisation:
-    Chebyshev polynomials on [0, _LIMIT] remove the highest powers. No polynomial of the same degree is much
-    more accurate."""
+    """Return the coefficients of a power series in z, reduced to `terms` terms by Lanczos' economisation.
+    Chebyshev polynomials on the interval from 0 to `_LIMIT` remove the highest powers. No other polynomial of
+    the same degree is much more accurate on this interval."""
     series = list(series)
     while len(series) > terms:
         degree = len(series) - 1
-        # The shifted Chebyshev polynomial T*_n(x) = T_n(2x − 1) follows from the recurrence. Subtracting a
-        # multiple of T*_n removes the highest power.
+        # The recurrence gives the shifted Chebyshev polynomial T*_n(x) = T_n(2x − 1). Subtracting a multiple
+        # of T*_n removes the highest power.
         previous, shifted = [Fraction(1)], [Fraction(-1), Fraction(2)]
         for _ in range(degree - 1):
             following = [Fraction(0), *(4 * c for c in shifted)]
@@ -80,8 +81,8 @@ _PI = (3.1415926534682512, 1.2154201012607932e-10, 4.044532497591901e-21)
 @jax.custom_jvp
 @jax.jit
 def sin(x: Value) -> Value:
-    """Return sin x for any x. The error is at most about two rounding errors of the result or one rounding
-    error of x, whichever is larger."""
+    """Return sin x for any x. The error is at most about two rounding errors of the result, or one rounding
+    error of x if that is larger."""
     half_turns, sign = _half_turns(x)
     s, _ = sincos(_subtract_half_turns(x, half_turns))
     return sign * s
@@ -110,7 +111,7 @@ def _cos_jvp(primals, tangents):
 
 
 def _half_turns(x: Value) -> tuple[Value, Value]:
-    """Return x/π rounded to a whole number of half turns, and the sign (−1)^half_turns."""
+    """Return the number of half turns, x/π rounded to a whole number, and the sign (−1)^half_turns."""
     half_turns = jnp.round(x * (1 / math.pi))
     return half_turns, 1.0 - 2.0 * (half_turns - 2.0 * jnp.floor(0.5 * half_turns))
 

@@ -1,4 +1,4 @@
-"""Base class of all classes that are pytrees of arrays."""
+"""Base class of the classes of rockjax whose instances are pytrees of arrays."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import equinox as eqx
 class Module(eqx.Module):
     """Equinox's module, but with ordinary methods.
 
-    Equinox returns a pytree for `podium.method`. If a field of the podium is an array, this pytree is not
-    hashable, so that `jax.jit(podium.method)` fails; creating the pytree also takes time.
+    In Equinox, a bound method such as `podium.method` is a pytree. If a field of the podium is an array, this
+    pytree is not hashable, so that `jax.jit(podium.method)` fails. Creating the pytree also takes time.
     """
 
     if not TYPE_CHECKING:

@@ -1,6 +1,6 @@
 """Warnings about values that suggest a unit error, such as dimensions in millimetres.
 
-A warning states how the value was understood. Traced values are not checked.
+A warning states how rockjax understood the value. Traced values are not checked.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from ._machine.environment import switched_off
 
 
 class PlausibilityWarning(UserWarning):
-    """Warning about a value that suggests a unit error; the message states how the value was understood.
+    """Warning about a value that suggests a unit error. The message states how rockjax understood the value.
 
     `warnings.simplefilter("ignore", rockjax.PlausibilityWarning)`, or `ROCKJAX_PLAUSIBILITY=off` in the
     environment, silences all such warnings.
@@ -21,7 +21,7 @@ class PlausibilityWarning(UserWarning):
 def warn_about_units(
     message: str, stacklevel: int, category: type[PlausibilityWarning] = PlausibilityWarning
 ) -> None:
-    """Emit a warning, unless the environment variable `ROCKJAX_PLAUSIBILITY` is off.
+    """Emit a warning, unless the environment variable `ROCKJAX_PLAUSIBILITY` switches such warnings off.
 
     - `message`: text of the warning
     - `stacklevel`: stack level as in `warnings.warn`, counted from the function that calls this one

@@ -1,7 +1,7 @@
 """Constants and units: conversion to SI, recognition of units in strings, and units for display.
 
-All other modules use SI. `UNITS` has the factors of units in files of motions and hazard curves;
-`_report/units.py` has those of the units in reports.
+All other modules use SI. `UNITS` contains the units in files of motions and hazard curves. The units in
+reports are in `_report/units.py`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ class Unit(NamedTuple):
     """A unit."""
 
     dimension: str  # name of the physical quantity
-    factor: float  # size of the unit in SI units; rates are in 1/year, and return periods in years
+    factor: float  # size of the unit in SI units; of rates in 1/year, and of return periods in years
 
 
 UNITS = {
@@ -55,12 +55,13 @@ _ALIASES = {
     "count": "counts", "cts": "counts", "digit": "counts", "digits": "counts",
 }  # fmt: skip
 _SUPERSCRIPTS = str.maketrans("²³⁻¹", "23-1")
-# SI units in datasets by dimension, and the display of such units.
+# SI units in datasets by physical quantity, and the display of units in datasets.
 _SI = {"acceleration": "m s-2", "velocity": "m s-1", "displacement": "m", "ratio": "1"}
 _DISPLAYED = {"m s-2": "m/s²", "s-2": "1/s²", "m s-1": "m/s", "rad s-1": "rad/s", "N m-1": "N/m", "1": "–"}
 
-# Factors to m/s²: of the units that users may pass for records, and of all units of acceleration that file
-# headers may contain. `INTENSITY_UNITS` are the units that intensity measures may have.
+# `RECORD_UNITS` are the units that users may pass for records, and `ACCELERATIONS` are the units of
+# acceleration that headers of files may have, both with their factors to m/s². `INTENSITY_UNITS` are the
+# units that intensity measures may have.
 RecordUnit = Literal["g", "m/s2", "cm/s2", "gal", "mm/s2"]
 RECORD_UNITS: dict[str, float] = {name: UNITS[name].factor for name in get_args(RecordUnit)}
 ACCELERATIONS = {name: unit.factor for name, unit in UNITS.items() if unit.dimension == "acceleration"}
@@ -68,7 +69,7 @@ INTENSITY_UNITS = [name for name, unit in UNITS.items() if unit.dimension in _SI
 
 
 def unit_of(text: str | None) -> str | None:
-    """Return the key in `UNITS` of a unit written as a string; None if the string is not such a unit.
+    """Return the key in `UNITS` of a unit that is written as a string; None if the string is no such unit.
 
     Upper and lower case are equivalent, and `^2`, `²`, `**2`, `/s/s`, `s-2`, `_s2` and `ps2` are understood.
     """
@@ -81,23 +82,23 @@ def unit_of(text: str | None) -> str | None:
 
 
 def in_si(units: str) -> tuple[float, str] | None:
-    """Return the factor from a unit of an intensity measure to the SI unit, and the SI unit; None for unknown
-    units and for units that no intensity measure has."""
+    """Return the factor from a unit of an intensity measure to SI, and the SI unit as in datasets. Return
+    None for unknown units and for units that no intensity measure has."""
     unit = UNITS.get(unit_of(units) or "")
     return None if unit is None or unit.dimension not in _SI else (unit.factor, _SI[unit.dimension])
 
 
 def displayed(unit: str) -> str:
-    """Return a unit of a dataset for display; "–" for ratios."""
+    """Return a unit of a dataset as it is displayed, such as "m/s²" for "m s-2"; "–" for ratios."""
     return _DISPLAYED.get(unit, unit)
 
 
 def displayed_or_empty(unit: str) -> str:
-    """Return a unit of a dataset for display; an empty string for ratios."""
+    """Return a unit of a dataset as it is displayed; an empty string for ratios."""
     return "" if unit == "1" else displayed(unit)
 
 
 def unit_of_measure(measure: str) -> str:
-    """Return the SI unit of an intensity measure: "PGA", "PGV", "Sa", a label such as "Sa(0.5 s)", or "scale"
-    for the factor on a motion."""
+    """Return the SI unit, as in datasets, of an intensity measure. The measure is "PGA", "PGV", "Sa", a label
+    such as "Sa(0.5 s)", or "scale" for the factor on a motion."""
     return {"PGV": "m s-1", "scale": "1"}.get(measure, "m s-2")
