@@ -1,9 +1,9 @@
 """Batches of scenes, solved in lanes.
 
-A lane solves one scene at a time, and takes the next scene when this scene has ended. All lanes of a program
-make trial steps (accepted or rejected steps) together. Scenes are prepared in chunks. On a CPU every core has
-a thread with `LANES` lanes. The thread takes the next chunk without waiting for scenes that are still
-running. An accelerator has thousands of lanes.
+A lane solves one scene at a time, and takes the next scene when this scene has ended. A chunk is a set of
+scenes that are prepared together. On a CPU every core has a thread with `LANES` lanes. The thread takes the
+next chunk without waiting for scenes that are still running. An accelerator has thousands of lanes. All lanes
+of a thread or accelerator make their trial steps (accepted or rejected steps) at the same time.
 """
 
 from __future__ import annotations
@@ -41,15 +41,17 @@ from .executors import AbstractExecutor, executor_for
 from .on_floors import answers_on_floors
 from .scenes import NO_SCENES, SceneBatch, SceneIndices, broadcast
 
-# Number of lanes per core. They fill the vector unit, and their data fit into the first-level cache.
+# Number of lanes per core. So many lanes fill the vector unit, and their data fit into the first-level cache.
 LANES = 32
-CHUNK = 1024  # number of scenes that are prepared together
-QUICK_SCENES_PER_LANE = 5  # least number of quick scenes per lane for which a thread is started
+CHUNK = 1024  # number of scenes in a chunk
+# Number of scenes per lane for which a thread is started, if scenes are quick (see `SceneBatch.is_quick`).
+QUICK_SCENES_PER_LANE = 5
 
 # Values for accelerators, which have far more arithmetic units than a core.
-ACCELERATOR_LANES = (1024, 32768)  # least and largest number of lanes, a power of 2, unless records are long
+ACCELERATOR_LANES = (1024, 32768)  # least and largest number of lanes; fewer lanes if records are long
 ACCELERATOR_CHUNK = 4  # number of scenes in a chunk, per lane
-# Largest number of samples in all lanes: with long records, the number of lanes is halved until it is met.
+# Largest number of samples of records in all lanes together. With long records, the number of lanes is halved
+# until this limit is met.
 ACCELERATOR_VALUES = 2**26
 
 _BAR_LOCK = threading.Lock()  # several threads and batches may update one progress bar
@@ -75,10 +77,10 @@ def peak_responses(
     records or of k pulses of one class, are a batch of shape (k,).
 
     Returns a [`rockjax.Peak`][] of NumPy arrays whose first axes have the shape of the batch. If a scene does
-    not finish, its `result` is the reason, a `RuntimeWarning` counts such scenes, and other scenes are not
-    affected. Ctrl-C stops the batch after the present chunk of scenes on each core or device, and raises
-    [`rockjax.Interrupted`][], a `KeyboardInterrupt` that contains the answers so far (none if no scene had
-    ended, or during the solution of `on_floors`).
+    not finish, its `result` is the reason. Other scenes are not affected, and a `RuntimeWarning` counts the
+    unfinished scenes. Ctrl-C stops the batch after the present chunk of scenes on each core or device, and
+    raises [`rockjax.Interrupted`][], a `KeyboardInterrupt` that contains the answers so far. It contains no
+    answers if no scene had ended, or if Ctrl-C came during the solution of `on_floors`.
 
     - `podiums`: the structures
     - `excitations`: the ground motions
@@ -90,10 +92,10 @@ def peak_responses(
       computed, with the other parameters held constant: parameters of the podiums as in [`rockjax.grid`][]
       (`"alpha"`, `"R"`, `"gamma"`, `"T_s"`, …), parameters of the motions (`"a_p"`, `"T_p"`, `"dt"`, …) and
       `"scale"`, a factor on any motion. The derivatives are the field `sensitivities` of the result
-    - `devices`: JAX devices of one platform, which share the scenes and are served by one thread; by
-      default all accelerators, or threads on the CPU if there are none
-    - `threads`: number of threads on a CPU, ≥ 1, only without `devices`; by default one for each core that
-      this process may use
+    - `devices`: JAX devices of one platform, which share the scenes and are served by one thread. By
+      default all accelerators are used or, if there are none, threads on the CPU
+    - `threads`: number of threads on a CPU, ≥ 1; must be None if `devices` are given. By default a thread is
+      used for each core that this process may use
     - `on_floors`: light secondary systems on the floors of every scene, as for [`rockjax.peak_response`][];
       their answers have no sensitivities
 
@@ -150,9 +152,9 @@ def responses(
       `sensitivities`, `on_floors`: as in `peak_responses`
     - `stop`: event that stops the batch once it is set
 
-    Raises [`rockjax.Interrupted`][] if `stop` is set, also by Ctrl-C, and `ValueError` for invalid inputs.
-    The error contains the answers so far; None if no scene has ended, or if secondary systems are being
-    solved.
+    Raises `ValueError` for invalid inputs, and [`rockjax.Interrupted`][] if `stop` is set, also by Ctrl-C.
+    `Interrupted` contains the answers so far, or None if no scene has ended or if the systems on the floors
+    are being solved.
     """
     check_types("peak_responses", podiums, options, "podiums")
     check_range("peak_responses", podiums, excitations, t_end, options)
@@ -212,7 +214,7 @@ def raw_responses(
     - `podiums`, `excitations`: structures and ground motions
     - `options`: options of the solver
     - `progress`: as in `peak_responses`
-    - `edge_distance`: True to add the `edge_distance` of each scene to the floats
+    - `edge_distance`: True to add the edge distance of each scene (see `edge_distance.py`) to the floats
 
     Raises [`rockjax.Interrupted`][] without answers if Ctrl-C stops the batch.
     """
@@ -229,10 +231,11 @@ def raw_responses(
 
 
 class Tally(NamedTuple):
-    """Numbers of trials (trial steps), to measure how well the lanes are used."""
+    """Numbers of trials (trial steps of single lanes), to measure how well the lanes are used."""
 
-    useful: int  # number of trials in lanes with an unfinished scene, on all devices
-    possible: int  # number of trials in all lanes of the device with the most trials, with or without a scene
+    useful: int  # number of trials that advanced a scene, on all devices
+    # Number of trials in all lanes of the device with the most trials, including lanes without a scene.
+    possible: int
 
 
 def run_batch(
@@ -257,7 +260,7 @@ def run_batch(
     - `edge_distance`: True to add edge distances to the floats; `sensitivities` must then be `("scale",)`
     """
     executor = executor_for("run_batch") if executor is None else executor
-    # All values in the options are converted to one type, so that one program serves all tolerances.
+    # The numbers in the options are converted to arrays of one type, so that one program serves all values.
     options = jax.tree.map(lambda y: np.asarray(y, float_type()), options)
     options = canonical_options(scenes.podium, options)
     lane_layout = layout(scenes, executor, sensitivities)._replace(edge_distance=edge_distance)
@@ -271,12 +274,12 @@ def run_batch(
         lanes = idle
         while not stopped.is_set():
             if executor.threads > 1 and len(pending) < 2 * executor.threads:
-                # JAX returns before the lanes have advanced. Near the end the thread waits for its lanes, so
-                # that idle threads can take the last chunks.
+                # `advance` returns before the lanes have advanced. Near the end of the batch the thread waits
+                # for its lanes here, so that idle threads can take the last chunks.
                 jax.block_until_ready(lanes)
             with lock:
                 indices = pending.popleft() if pending else NO_SCENES
-                # If no chunk is left for this thread, its lanes finish their scenes.
+                # If no chunk will be left for this thread, its lanes also finish their scenes in this call.
                 last = len(pending) < executor.threads
             lanes, done = advance(lanes, indices, last)
             yield done
@@ -346,7 +349,7 @@ class _Answers:
         return index.size
 
     def close(self) -> None:
-        """Ignore further answers. If Ctrl-C came while threads started, a thread may still run."""
+        """Ignore further answers: if Ctrl-C came while threads were being started, a thread may still run."""
         with self._lock:
             self._closed = True
 
@@ -354,10 +357,10 @@ class _Answers:
 def _chunks(
     scenes: SceneBatch, lane_layout: LaneLayout, executor: AbstractExecutor
 ) -> Iterator[SceneIndices]:
-    """Yield the chunks of a batch. Successive scenes, which take about the same time, belong to different
+    """Yield the chunks of a batch. Successive scenes take about the same time. They belong to different
     chunks, so that all threads end at about the same time."""
-    # A thread is started for at least one scene per lane, and for more if scenes are quick, because starting
-    # a thread takes longer than a few quick scenes.
+    # A further thread is started only if there is at least one scene per lane for it. Quick scenes need more
+    # per lane, because starting a thread takes longer than a few quick scenes.
     scenes_per_thread = (
         lane_layout.lanes * executor.devices * (QUICK_SCENES_PER_LANE if scenes.is_quick else 1)
     )

@@ -1,9 +1,9 @@
 """Preparation of a chunk of scenes for the lanes, and the step of a lane.
 
-A lane solves one scene at a time; a chunk is a set of scenes that are prepared together. If sensitivities are
-requested, every quantity that depends on the parameters has a second array, its slopes: the derivatives with
-respect to the logarithms of the parameters, with a row for each parameter. `push_forward` evaluates functions
-of scene and state together with the slopes of their results.
+A lane solves one scene at a time. A chunk is a set of scenes that are prepared together. If sensitivities are
+requested, every quantity that depends on the parameters has a second array, its slopes. These are the
+derivatives with respect to the logarithms of the parameters, with a row for each parameter. `push_forward`
+evaluates functions of scene and state together with the slopes of their results.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from rockjax._types import Flag
 
 
 class LaneLayout(NamedTuple):
-    """Layout of the lanes: what is fixed when a program for lanes is compiled, besides the options."""
+    """Layout of the lanes: properties of a batch that are fixed when its program is compiled."""
 
     axes: tuple[int | None, ...]  # for each leaf of a chunk, 0 if it has a row for each scene, else None
     structure: Any  # tree structure of (podium, excitation, initial, t_end)
@@ -62,8 +62,8 @@ class LaneDerivatives(NamedTuple):
 def makes_trials(plan: Plan, options: Options, state: LoopState) -> Flag:
     """Return whether a lane has trials (trial steps) to make.
 
-    A rigid podium in full contact (σ = 0) needs no trials: it is advanced to its next uplift when finished
-    scenes are exchanged.
+    A podium with a rigid superstructure or none needs no trials in full contact (σ = 0). It is advanced to
+    its next uplift when finished scenes are exchanged.
     """
     goes_on = is_running(state, options.max_steps)
     return goes_on if plan.follows_contact else goes_on & (state.sigma != 0)
@@ -72,8 +72,9 @@ def makes_trials(plan: Plan, options: Options, state: LoopState) -> Flag:
 def step_functions(plan: Plan, options: Options):
     """Return two functions (scene, state) ↦ state.
 
-    The first makes a trial, and returns states without trials to make unchanged. The second advances a rigid
-    podium in full contact to the next uplift, and returns all other states unchanged.
+    The first makes a trial, but returns the state unchanged if there is no trial to make. The second advances
+    a podium without an elastic superstructure from full contact to the next uplift, and returns all other
+    states unchanged.
     """
 
     def try_step(scene: Scene, state: LoopState) -> LoopState:
@@ -111,7 +112,8 @@ class Chunk(NamedTuple):
     slopes: _ChunkDerivatives | None  # None if no sensitivities are requested
 
     def starts(self, lanes: int) -> tuple[LoopState, LaneDerivatives | None]:
-        """Return the initial states of the first `lanes` scenes, and the derivatives of scenes and states."""
+        """Return the initial states of the first `lanes` scenes, and the slopes of scenes and states; the
+        slopes are None if no sensitivities are requested."""
 
         def start(y, differs):
             return y[:lanes] if differs else jnp.broadcast_to(y, (lanes, *y.shape))
@@ -135,7 +137,8 @@ class Chunk(NamedTuple):
         """Evaluate a function in every lane. Return (floats, slopes of the floats, other outputs).
 
         - `function`: (scene, state) ↦ (floats, other outputs)
-        - `varying`, `states`: leaves of the scenes that vary, and states, with a row for each lane
+        - `varying`: the leaves of `Scene` that vary between scenes, with a row for each lane
+        - `states`: states, with a row for each lane
         - `slopes`: derivatives of `varying` and `states`; if None, the returned slopes are also None
         - `loops`: True if the function contains loops; passed to `push_forward`
         """
@@ -152,8 +155,8 @@ class Chunk(NamedTuple):
             return floats, None, rest
         state_slopes = jax.tree.map(lambda _: None, states)._replace(**slopes.states)
         all_slopes = slopes.varying, self.slopes.common, state_slopes
-        # `loops` selects a form that compiles faster but computes each row of derivatives separately. With a
-        # single row, separate computation costs nothing.
+        # With `loops`, `push_forward` uses a form that compiles faster but computes each row of derivatives
+        # separately. With a single row this takes no longer.
         is_single = slopes.states["event_time"].shape[0] == 1
         return push_forward(
             in_all_lanes, (varying, self.common, states), all_slopes, loops=loops or is_single
@@ -215,9 +218,9 @@ def prepare_chunk(leaves, layout: LaneLayout, options: Options) -> Chunk:
 def _with_own_states(leaves, layout: LaneLayout) -> tuple[list[Any], tuple[int | None, ...]]:
     """Return the leaves of a chunk, with a separate initial state for each scene, and the axes of the leaves.
 
-    Derivatives of an initial state may differ between scenes even if its values do not. If all scenes shared
-    one initial state, the results of the engine's function `restart` would then differ in shape from their
-    derivatives.
+    The derivatives of the initial state may differ between scenes even if all scenes have the same initial
+    state. If the scenes shared one array, the results of the engine's function `restart` would then differ in
+    shape from their derivatives.
     """
     _, _, initial, _ = jax.tree.unflatten(layout.structure, range(len(leaves)))
     positions = jax.tree.leaves(initial)
@@ -243,8 +246,8 @@ def prepare_in_blocks(leaves, layout: LaneLayout, options: Options, count) -> Ch
         ]
         return prepare_chunk(block, layout._replace(size=lanes), options)
 
-    # With more than one block, only the quantities that all scenes share come from this first block. The loop
-    # below prepares the scenes of all blocks.
+    # If there are several blocks, only the quantities that all scenes share are used from this first block.
+    # The loop below prepares the scenes of all blocks.
     first_block = prepare_block(0)
     if layout.size == lanes:
         return first_block
@@ -270,8 +273,8 @@ def _rows_of_scenes(chunk: Chunk) -> tuple[list[Any], list[int], Callable[[list[
     slopes, slope_structure = jax.tree.flatten(chunk.slopes and (chunk.slopes.varying, chunk.slopes.states))
     differ = chunk.slopes and differentiated_fields(chunk.states_differ)
     slope_differs = jax.tree.leaves(chunk.slopes and (chunk.slopes.varying, differ))
-    # `slope_differs` has arrays for the slopes of `varying`, which always have rows, and flags for the
-    # others.
+    # `slope_differs` has flags for the slopes of states. For the slopes of `varying`, which always have a row
+    # for each scene, it has the arrays themselves.
     has_rows = [*(True for _ in chunk.varying), *differs, *(flag is not False for flag in slope_differs)]
     all_arrays = [*chunk.varying, *states, *slopes]
     axes = [*(0 for _ in chunk.varying), *(0 for _ in states), *(1 for _ in slopes)]
@@ -290,13 +293,13 @@ def _rows_of_scenes(chunk: Chunk) -> tuple[list[Any], list[int], Callable[[list[
 
 
 def _differing(function, axes, leaves):
-    """Return, for each output of a function of a scene, whether it differs between scenes.
+    """Return for each output of a function whether the output differs between scenes.
 
-    - `function`: function of the scene's leaves
-    - `axes`, `leaves`: arguments for all scenes, and the axes over which `vmap` maps them
+    - `function`: function of the leaves of a single scene
+    - `axes`, `leaves`: leaves for all scenes, and the axes over which `vmap` maps them
     """
-    # Under `vmap`, JAX calls the batching rule of `probe`, with flags that are True for outputs that depend
-    # on the scene.
+    # Under `vmap`, JAX calls the batching rule of `probe` and passes flags. A flag is True if the output
+    # depends on the scene.
     flags: list[Any] = []
 
     @custom_vmap

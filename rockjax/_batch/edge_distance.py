@@ -1,12 +1,12 @@
 """Edge distance of a scene: the estimated change of ln s at which the scene could overturn, where s is the
-scale (a factor) of the ground motion.
+scale of the ground motion (a factor on it).
 
-At the turning points of the rotation, the overturning margin M and the angular deceleration are extrapolated
-linearly in ln s. The margin reaches zero at the distance M/|∂M/∂ ln s|, where the scene would overturn. Where
-the deceleration reaches zero, the turning point disappears and a different response follows. The edge
-distance is the smallest distance at which one of the two quantities reaches zero, over all turning points of
-the scene. Turning points with small rotations (large M) are left out, because the derivatives at them grow
-without bound while the columns bounce.
+At each turning point of the rotation, two quantities are extrapolated linearly in ln s. The first is the
+overturning margin M (see docs/overturning.md): at the distance M/|∂M/∂ ln s| it is zero, and the scene would
+overturn. The second is the angular deceleration: where it is zero, the turning point disappears, and a
+different response follows. The edge distance is the smallest of these distances, over both quantities and all
+turning points of the scene. Turning points with small rotations (large M) are left out, because their
+derivatives grow without bound while the columns bounce.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from rockjax._engine.state import LoopState
 
 MARGIN_USED_BELOW = 0.95  # M is extrapolated at turning points with M below this value
 DECELERATION_USED_BELOW = 0.8  # the deceleration is extrapolated at turning points with M below this value
-SCALE = "scale"  # name of the differentiated parameter, a factor on the motion
+SCALE = "scale"  # name of the parameter s
 
 
 def least_edge_distance(distance: Array, lanes: LoopState, slopes: dict[str, Any]) -> Array:
-    """Return the edge distances of scenes, updated by the turning points in the steps just made, shape (n,).
+    """Return the edge distances of n scenes after a step of each scene, shape (n,).
 
-    - `distance`: edge distances before these steps, shape (n,) [ln s]
-    - `lanes`: states of the n scenes after the steps
-    - `slopes`: derivatives of the states after the steps with respect to ln s, with a first axis of length 1
+    - `distance`: edge distances before the steps, as changes of ln s [–], shape (n,)
+    - `lanes`: states of the scenes after the steps, with the turning points in the steps
+    - `slopes`: derivatives of these states with respect to ln s, with a first axis of length 1
     """
     margin, deceleration = lanes.accumulators[-1]  # of the output `TurningPoints`
     margin_slope, deceleration_slope = (row[0] for row in slopes["accumulators"][-1])

@@ -1,9 +1,9 @@
 """Exchange of finished scenes: lanes store answers and load the next scenes.
 
-A lane solves one scene at a time. To serve a lane means to store the answers (all outputs) of its finished
-scene and to load the next scene of the chunk; a chunk is a set of scenes that were prepared together. The few
-lanes of a CPU are served one after another: only changed rows are copied, and the loop over a chunk compiles
-to one function of machine code. The thousands of lanes of an accelerator are served in parallel.
+A lane solves one scene at a time. A chunk is a set of scenes that were prepared together. To serve a lane
+means to store the answers (all outputs) of its finished scene, and to load the next scene of the chunk. The
+few lanes of a CPU are served one after another. Then only changed rows are copied, and the loop over a chunk
+compiles to one function of machine code. The thousands of lanes of an accelerator are served in parallel.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class DoneScenes(NamedTuple):
     floats: dict[str, jax.Array]  # floating-point answers
     integers: dict[str, jax.Array]  # answers that are integers or flags
     used: jax.Array  # number of scenes that have ended
-    trials: jax.Array  # number of trials (trial steps); all lanes make a trial together
+    trials: jax.Array  # number of trials (trial steps) that all lanes have made together
     useful: jax.Array  # number of trials that advanced a scene, summed over all lanes
     running: jax.Array  # number of lanes that still hold a scene
 
@@ -70,11 +70,11 @@ def exchange_scenes(
     """Serve all lanes whose scene has ended and, as long as scenes of the chunk remain, lanes without a
     scene.
 
-    - `chunk`, `indices`: the chunk of scenes, and their indices in the batch
+    - `chunk`, `indices`: the chunk of scenes, and the indices of these scenes in the batch
     - `loop`: state of the loop
     - `ended`: True for lanes whose scene has ended
     - `answers`: answers of all lanes
-    - `refill`: True if lanes take further scenes, False if each lane solves one scene of the chunk
+    - `refill`: True if lanes take further scenes, False if each lane solves only one scene of the chunk
 
     Returns the new state of the loop.
     """
@@ -175,8 +175,8 @@ def _load_scenes(chunk: Chunk, lanes: Lanes, load, refill: bool) -> Lanes:
 def _append_answers(done: DoneScenes, ended: Flag, scene_index: jax.Array, answers: Answers) -> DoneScenes:
     """Append the answers of the lanes whose scenes have ended.
 
-    A row is written for every lane. The first rows belong to the lanes whose scenes have ended; the rows
-    after them are overwritten later, or ignored.
+    A row is written for every lane. The rows of lanes whose scenes have ended come first. The other rows are
+    overwritten later, or ignored.
     """
     lane_indices, ended_so_far = jnp.arange(ended.size), jnp.cumsum(ended)
     position = jnp.where(ended, ended_so_far - 1, ended.size)

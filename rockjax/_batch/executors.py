@@ -1,5 +1,5 @@
-"""Executors advance the lanes of a batch, with one thread for each CPU core or with one thread for all
-accelerators. A lane solves one scene after another."""
+"""Executors, which advance the lanes of a batch with one thread for each CPU core, or with one thread for all
+accelerators. A lane solves one scene after another. A chunk is a set of scenes that are prepared together."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from .exchange import DoneScenes, Lanes
 from .lanes import advance, idle_lanes
 from .scenes import SceneBatch, SceneIndices
 
-# (lanes, indices of the scenes of a chunk, whether no chunk follows) ↦ (lanes, scenes that have ended)
+# (lanes, indices of the scenes of a chunk, True if no chunk follows) ↦ (lanes, scenes that have ended)
 Program = Callable[[Lanes, SceneIndices, bool], tuple[Lanes, DoneScenes]]
 
-# On a CPU, number of trial steps after which a call that finishes the last scenes of a batch may end. Calls
-# must be short, because Ctrl-C takes effect between calls.
+# On a CPU, a call that finishes the last scenes of a batch ends after this number of trial steps, and the
+# next call continues. Calls must be short, because Ctrl-C takes effect between calls.
 MAX_LAST_TRIALS = 30_000
 UNLIMITED_TRIALS = np.iinfo(np.int32).max
 
@@ -47,11 +47,13 @@ class AbstractExecutor(abc.ABC):
 
         - `scenes`, `options`, `layout`: the batch, the options of the solver, and the layout of the lanes
 
-        If another chunk follows and lanes are refilled, a call of the program ends when all scenes of its
-        chunk have been loaded. Otherwise the call ends when all scenes have ended, or on a CPU with refilled
-        lanes after about `MAX_LAST_TRIALS` trial steps at the latest. Successive scenes, which take about the
-        same time, go to different devices, so that all devices end at about the same time. Every device has
-        its own lanes and counters.
+        If lanes take further scenes (`LaneLayout.refill`) and another chunk follows, a call of the program
+        ends when all scenes of its chunk have been loaded. Otherwise the call ends when all scenes have
+        ended. On a CPU with refilled lanes, the call then ends after `MAX_LAST_TRIALS` trial steps at the
+        latest.
+
+        Successive scenes take about the same time. They go to different devices, so that all devices end at
+        about the same time. Every device has its own lanes and counters.
         """
 
 
@@ -122,7 +124,7 @@ _advance_on_cpu = StoredProgram(
 
 @functools.cache
 def _on_mesh(mesh: Mesh):
-    """Return the program for all devices of a mesh, in which no device waits for another one."""
+    """Return the program for all devices of a mesh. During a call, no device waits for another one."""
 
     def advance_all(lanes, leaves, first, stride, count, max_trials, options, layout: LaneLayout):
         """Call `advance` on every device.

@@ -33,8 +33,8 @@ from .exchange import Answers, DoneScenes, Lanes, Loop, empty_storage, exchange_
 from .scenes import SceneBatch, SceneIndices
 
 WAITING_SHARE = 3 / 32  # scenes are exchanged once this fraction of all lanes waits
-# Samples of the ground motion are skipped while more than 1/SKIPPING_DIVISOR of the running lanes can skip
-# one.
+# To skip a sample means to advance to the next sample of a record without a trial (see `skip_sample`). The
+# lanes skip samples while more than 1/SKIPPING_DIVISOR of the running lanes can skip one.
 SKIPPING_DIVISOR = 2
 
 
@@ -99,8 +99,8 @@ def advance(
         return (loop.next_position < count) | (loop.done.trials < max_trials)
 
     def makes_more_trials(loop: Loop) -> Flag:
-        """Return whether to make another trial before the next exchange. Because an exchange takes about as
-        long as a trial, it is delayed until enough lanes wait or no lane has trials to make."""
+        """Return whether to make another trial before the next exchange. An exchange takes about as long as
+        a trial. Therefore it is delayed until enough lanes wait, or until no lane has trials to make."""
         few_wait = count_waiting(loop) < enough_waiting
         return few_wait & jnp.any(makes_trials(plan, options, loop.lanes.states)) & is_unfinished(loop)
 
@@ -115,8 +115,8 @@ def advance(
         return jax.lax.while_loop(makes_more_trials, make_trial, exchange(loop))
 
     answer_shapes = jax.eval_shape(lambda lanes: _answers_of(chunk, plan, lanes), lanes)
-    # The storage has rows for the scenes of the chunk, for the scenes that the lanes held before, and for one
-    # more scene per lane, because accelerators write the rows of all lanes at once.
+    # The storage has rows for the scenes of the chunk and for the scenes that the lanes held before. There is
+    # one more row for each lane, because accelerators write a row for every lane in each exchange.
     done = empty_storage(size + 2 * lane_count, answer_shapes, index_type)
     # Without refilling, all scenes of the chunk are already in lanes.
     next_position = jnp.where(refill, 0, jnp.minimum(count, lane_count)).astype(index_type)
@@ -132,7 +132,7 @@ def advance(
 
 
 def _skip_samples(plan: Plan, options: Options, skip: Callable[[Lanes], Lanes], lanes: Lanes) -> Lanes:
-    """Skip samples at which no event occurs, as long as enough lanes can skip one."""
+    """Skip samples in all lanes that can skip one, as long as there are enough such lanes."""
     if lanes.states.may_skip is None:
         return lanes
     running_count = jnp.sum(makes_trials(plan, options, lanes.states))
@@ -153,8 +153,8 @@ def _first_edge_distance(layout: LaneLayout) -> jax.Array | None:
 
 
 def _with_swapped_axes(lanes: Lanes) -> Lanes:
-    """Swap the first two axes of the slopes (lanes and parameters). Between calls of `advance`, lanes are the
-    first axis; in its loop they are the second, which suits vector instructions."""
+    """Swap the first two axes of the slopes (lanes and parameters). Between calls of `advance`, the lanes are
+    the first axis. In the loop of `advance` they are the second axis, which suits vector instructions."""
     return lanes._replace(slopes=jax.tree.map(lambda y: jnp.moveaxis(y, 1, 0), lanes.slopes))
 
 
@@ -199,8 +199,8 @@ def _blank_lanes(shapes, option_types, option_structure, layout: LaneLayout) -> 
 
 @StoredProgram
 def _blank_lanes_program(*, shapes, option_types, option_structure, layout: LaneLayout) -> Lanes:
-    """Return lanes without scenes. The shapes of their arrays are found by tracing the preparation of a
-    chunk. Because this is a stored program, later processes need not repeat the tracing."""
+    """Return lanes without scenes. Tracing the preparation of a chunk shows the shapes of their arrays. This
+    is a stored program, so later processes need not repeat the tracing."""
 
     def lanes_at_start(leaves, values):
         chunk = prepare_chunk(leaves, layout, jax.tree.unflatten(option_structure, values))

@@ -46,8 +46,9 @@ def answers_on_floors(
 
     - `scenes`, `shape`, `options`: scenes, shape and options of the batch
     - `systems`: secondary systems on the floors of every scene
-    - `progress`: as in `peak_responses`; `threads`: number of threads
-    - `stop`: event that stops the batch
+    - `progress`: as in `peak_responses`
+    - `stop`: event that stops the batch once it is set
+    - `threads`: number of threads
 
     Raises [`rockjax.Interrupted`][], without partial answers, if the batch is stopped.
     """
@@ -62,8 +63,8 @@ def answers_on_floors(
         while True:
             static = {"structure": scenes.structure, "axes": scenes.axes, "capacity": capacity}
             answer = jax.tree.map(np.asarray, _chunk(leaves, systems, options, **static))
-            # `answer` is (floats, (integers, codes)). If the history of a scene is full, the chunk is solved
-            # again with a larger capacity.
+            # `answer` is (floats, (integers, codes)). If the history of a scene needs more steps than
+            # `capacity`, the chunk is solved again with a larger capacity.
             is_full = np.any(answer[1][1][:count] == results.HISTORY_FULL)
             if not is_full or capacity >= options.max_steps + 2:
                 return jax.tree.map(lambda y: y[:count] if y.ndim else np.full(count, y), answer)

@@ -1,5 +1,8 @@
-"""Batches of scenes (a scene is one podium under one motion): the broadcast arguments of all scenes, stored
-without repetition."""
+"""Batches of scenes: the arguments of all scenes after broadcasting, stored without repetition.
+
+A scene is one podium under one motion. A chunk is a set of scenes that are prepared together, and a lane
+solves one scene of a chunk after another.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +21,8 @@ from rockjax._results import State
 from rockjax._structures import Podium
 
 MAX_SORTED_SCENES = 4096  # largest batch that is sorted (see `_order`); larger batches would gain little
-# If a leaf has more values per scene than this (as the samples of records do), each lane solves only one
-# scene of a chunk.
+# If a leaf has more values per scene than this number, such as the samples of a record, each lane solves only
+# one scene of a chunk.
 MAX_REFILL_VALUES = 64
 
 
@@ -48,7 +51,7 @@ class SceneBatch(NamedTuple):
     """All scenes of a batch, as leaves of (podium, excitation, initial, t_end). The scenes form a grid with
     the shape to which the arguments broadcast."""
 
-    leaves: list[Any]  # distinct rows along the first axis; a leaf that all scenes share has no such axis
+    leaves: list[Any]  # distinct rows along the first axis; a leaf that all scenes share has no axis of rows
     # For each leaf, the index of the row of each scene of the grid; None for a leaf that all scenes share.
     rows: list[np.ndarray | None]
     structure: Any  # tree structure of the leaves
@@ -142,12 +145,12 @@ def broadcast(
 
 
 def _order(excitations: AbstractExcitation, shape: tuple[int, ...]) -> np.ndarray | None:
-    """Return the positions of the scenes in the grid, sorted by the strength of their motions, weak ones
-    first.
+    """Return the positions of the scenes in the grid, sorted by the strength of their motions, weak motions
+    first. Return None for large grids, for a single strength, and for motions without a strength.
 
-    Return None for large grids, for a single strength, and for motions without a strength. Motions that just
-    lift the columns take longest to solve; strong motions overturn the columns soon, so that their scenes end
-    early. Therefore few lanes are idle at the end of a batch if strong motions come last.
+    Scenes under strong motions end early, because the columns overturn soon. Scenes in which the motion just
+    lifts the columns take longest. If strong motions come last, few lanes are therefore idle at the end of
+    a batch.
     """
     if math.prod(shape) > MAX_SORTED_SCENES:
         return None
@@ -185,7 +188,8 @@ def own_dimensions(structure, excitations: AbstractExcitation) -> list[int]:
     samples."""
     if not excitations.own_dimensions:
         return [0] * structure.num_leaves
-    # A tree like the arguments, in which the number of axes replaces each leaf. Its modules are frozen.
+    # A tree like the arguments, with the number of axes in place of each leaf. The objects in the tree are
+    # frozen, so ordinary assignment to their fields is impossible.
     podium, motion, *rest = jax.tree.unflatten(structure, [0] * structure.num_leaves)
     for name, dimensions in excitations.own_dimensions.items():
         *path, field = name.split(".")
