@@ -1,17 +1,19 @@
-"""The overturning boundary of a podium: the least scale (factor on a ground motion) that overturns it, with
-derivatives with respect to the parameters of podium and motion.
+"""The overturning boundary: the least scale at which a ground motion overturns a podium, and its derivatives
+with respect to the parameters of podium and motion. A scale is a factor on the motion.
 
-A scene is one podium under one scaled motion. The podium may survive a scale although a smaller scale
-overturns it. Under a record, windows (intervals of scales that overturn) may be as narrow as 1e-4 of the
-searched range, without any effect on neighbouring scales. Therefore scales are evaluated in ascending order
-up to the first that overturns, so closely spaced that every window wider than a requested width is found. The
-change from survival to overturning is then enclosed in ever narrower brackets. If no value is traced by JAX,
-the scenes are solved as batches on all cores. Under `jit` a loop solves a fixed number of scales at a time.
+A scene is one podium under one scaled motion. A podium that overturns at one scale may survive a larger
+scale. Under a record, windows (intervals of scales that overturn) may be as narrow as 1e-4 of the searched
+range, and neighbouring scales may show no sign of them. The search therefore evaluates scales in ascending
+order up to the first that overturns. The scales are so close that every window wider than a requested width
+is found. The change from survival to overturning is then enclosed in ever narrower brackets. If no value is
+traced by JAX, the scenes are solved as batches on all cores. Under `jit` a loop solves a fixed number of
+scales at a time.
 
-The overturning margin M of a scene is positive if the columns survive and negative if they overturn.
-Derivatives of the boundary a* follow from the implicit function theorem, da* = −dM/(∂M/∂a). Here a is the
-scale, and M is taken just past the boundary. M passes through zero with a nonzero slope. The derivatives are
-therefore well conditioned, even though the columns stay near the unstable equilibrium for a long time.
+The overturning margin M of a scene is positive if the columns survive and negative if they overturn. The
+implicit function theorem gives the derivatives of the boundary a*: da* = −dM/(∂M/∂a), where a is the scale,
+and dM is the change of M due to a change of the parameters at a fixed scale. dM and ∂M/∂a are evaluated just
+past the boundary. There the columns stay near the unstable equilibrium for a long time, but the derivatives
+are well conditioned, because M passes through zero with a nonzero slope.
 """
 
 from __future__ import annotations
@@ -69,8 +71,8 @@ class Boundary(Module):
     - `one_sided`: True if the dip is so low that the boundary is about to jump; the derivative is then
       one-sided
     - `certain_width`: resolution of the search [–]: an interval of overturning scales below `scale` can have
-      been missed only if it is at most as wide as `certain_width`. This is at most the requested `width`
-      times `max_scale`, unless scenes did not finish
+      been missed only if it is at most as wide as `certain_width`. This resolution is at most the requested
+      `width` times `max_scale`, unless scenes did not finish
     """
 
     scale: Float[Array, "*batch"]
@@ -107,8 +109,8 @@ def overturning_acceleration(
     width: float = DEFAULT_WIDTH,
     resolution: int = 128,
 ) -> Value:
-    """Return the least pulse acceleration a_p that overturns a podium [m/s²], or inf if no acceleration up to
-    the limit overturns it.
+    """Return the least pulse acceleration a_p that overturns a podium [m/s²], or inf if nothing overturns up
+    to the end of the search.
 
     The function works under `jit` and `vmap`. `grad` and `jacfwd` give derivatives with respect to `T_p` and
     every parameter of `podium`. The derivatives are exact unless the boundary jumps, and zero if the result
@@ -117,14 +119,14 @@ def overturning_acceleration(
     - `podium`: podium with scalar parameters
     - `pulse`: a class of pulses such as `rockjax.Ricker`, or a function (a_p, T_p) ↦ excitation that is
       proportional to a_p. The function may also return a [`rockjax.GroundMotion`][], whose vertical
-      component may be independent of a_p; parameters of such a motion other than a_p and T_p are held
+      component may be independent of a_p. Parameters of such a motion other than a_p and T_p are held
       constant under differentiation
     - `T_p`: pulse period, > 0 [s]
     - `max_acceleration_ratio`: end of the search, a_p/(g tan α), > 0 [–]
     - `options`: options of the scenes; a scene overturns if |θ|/α reaches `options.overturn_ratio`
     - `width`, `resolution`: see [`rockjax.overturning_boundary`][]
 
-    Raises `ValueError` for invalid inputs, if they are concrete.
+    Raises `ValueError` for invalid inputs that are not traced.
     """
     owner = "overturning_acceleration"
     check_types(owner, podium, options)
@@ -133,7 +135,7 @@ def overturning_acceleration(
     limit = _amplitude(_without_tangents(podium), as_float(max_acceleration_ratio))
     pulse = as_pulse(owner, pulse)
     motion = pulse(1.0, T_p)
-    if isinstance(motion, GroundMotion):  # a pair of motions need not be proportional to a_p
+    if isinstance(motion, GroundMotion):  # its vertical component need not be proportional to a_p
         motion = ScaledByAmplitude(as_float(T_p), pulse)
     return overturning_boundary(
         podium, motion, max_scale=limit, options=options, width=width, resolution=resolution
@@ -149,13 +151,13 @@ def overturning_scale(
     width: float = DEFAULT_WIDTH,
     resolution: int = 128,
 ) -> Value:
-    """Return the least factor on a ground motion that overturns a podium [–], or inf if no factor up to the
-    limit overturns it.
+    """Return the least factor on a ground motion that overturns a podium [–], or inf if no factor up to
+    `max_scale` overturns the podium.
 
     - `podium`, `excitation`, `max_scale`, `options`, `width`, `resolution`: as for
       [`rockjax.overturning_boundary`][], whose result contains this factor as the field `scale`
 
-    Raises `ValueError` for invalid inputs, if they are concrete.
+    Raises `ValueError` for invalid inputs that are not traced.
     """
     return overturning_boundary(
         podium, excitation, max_scale=max_scale, options=options, width=width, resolution=resolution
@@ -173,11 +175,11 @@ def overturning_boundary(
 ) -> Boundary:
     """Return the least factor in (0, max_scale] on a ground motion that overturns a podium, with details.
 
-    The function works under `jit` and `vmap`; `scale` has derivatives with respect to every parameter of
+    The function works under `jit` and `vmap`. `scale` has derivatives with respect to every parameter of
     `podium` and `excitation`. A scene overturns if |θ| reaches the overturning angle,
     `options.overturn_ratio` times α. If this angle exceeds the stability angle, or if JAX traces
-    `options.overturn_ratio`, there is no overturning margin. Dips are then determined from the peak rotation,
-    and derivatives from the time of overturning.
+    `options.overturn_ratio`, there is no overturning margin. Dips then follow from the peak rotation, and
+    derivatives follow from the time of overturning.
 
     - `podium`: podium with scalar parameters
     - `excitation`: ground motion that can be scaled
@@ -185,13 +187,13 @@ def overturning_boundary(
     - `options`: options of the scenes, which determine the accuracy of the boundary
     - `width`: resolution of the search as a fraction of `max_scale`, in (0, 0.1]. An interval of overturning
       scales below the returned boundary can be missed only if it is narrower than this fraction. The search
-      takes fine steps only from the first scale that lifts the columns up to the boundary. Their length
-      follows from derivatives of the margin; under `jit` it is about `width` times `max_scale`. A `max_scale`
-      far above the boundary costs little time, but a range in which nothing overturns needs up to about
-      1/`width` scenes
-    - `resolution`: a `width` above 1/`resolution` is reduced to 1/`resolution`; a whole number ≥ 32
+      takes fine steps only from the first scale that lifts the columns up to the boundary. The length of
+      these steps follows from derivatives of the margin; under `jit` it is about `width` times `max_scale`.
+      A `max_scale` far above the boundary costs little time, but a range in which nothing overturns needs up
+      to about 1/`width` scenes
+    - `resolution`: a whole number ≥ 32; a `width` above 1/`resolution` is reduced to 1/`resolution`
 
-    Raises `ValueError` for invalid inputs, if they are concrete.
+    Raises `ValueError` for invalid inputs that are not traced.
     """
     owner = "overturning_boundary"
     check_types(owner, podium, options)
@@ -289,7 +291,7 @@ def boundary_slopes(
 
 def _without_tangents(tree):
     """Return the values of a pytree as numbers, without tangents. A pytree with traced values is returned
-    unchanged. Without tangents, later operations need not be compiled: outside jit, every jnp operation on
+    unchanged. Later operations on numbers need no compilation, whereas outside jit every jnp operation on
     tangents compiles separately."""
     return jax.tree.map(value_of, tree) if all(map(is_concrete, jax.tree.leaves(tree))) else tree
 
@@ -304,7 +306,7 @@ def _make_search(structure, uses_margin: bool) -> Callable[..., FirstBoundary]:
 
     @program.def_vmap
     def _(count, mapped, *leaves):
-        # The search with NumPy needs the same options and width for all searches.
+        # Searches in batches share the same options and width.
         has_common_settings = not any(jax.tree.leaves(jax.tree.unflatten(structure, mapped)[3]))
         if has_common_settings and not _any_traced(leaves):
             rows = [
@@ -358,9 +360,10 @@ def _search_in_batches(rows: list[np.ndarray], count: int, structure, uses_margi
 
 
 def _pick_motions(excitation, line: np.ndarray, pick) -> Any:
-    """Return the motions of scenes. The samples of several records stay in one table.
+    """Return the motions of scenes. The samples of several records stay in one table and are not copied for
+    every scene.
 
-    - `excitation`: motion whose arrays have a first axis of length 1 or of the number of searches
+    - `excitation`: motion whose arrays have a first axis, of length 1 or as long as the number of searches
     - `line`: for each scene, the index of its search
     - `pick`: function that selects, from such an array, the element of each scene
     """

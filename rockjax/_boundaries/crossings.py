@@ -1,9 +1,9 @@
 """Changes between survival and overturning along lines of scenes.
 
-A scene is one podium under one motion. A line is a set of scenes with the same x and varying y, such as the
-period x and the amplitude y of a pulse. Lines are scanned first, and every change is then enclosed in a
-narrow bracket. The margin of a scene is positive if the scene survives and negative if it overturns; a dip is
-a minimum of the margin along a line.
+A scene is one podium under one motion. A line is a set of scenes with the same x and varying y; for example,
+x is the period and y the amplitude of a pulse. Lines are scanned first, and every change is then enclosed in
+a narrow bracket. The margin of a scene is positive if the scene survives and negative if it overturns (see
+docs/overturning.md). A dip is a minimum of the margin along a line.
 """
 
 from __future__ import annotations
@@ -123,8 +123,8 @@ def scan(
     - `x`: positions of the lines, shape (lines,)
     - `y_range`: ends of the lines, the same for all
     - `resolution`: number of equal intervals of each line; the ends of these intervals are evaluated first
-    - `options`: options of the scenes at changes and of those with small margins; other scenes are less
-      accurate (`scan_options`)
+    - `options`: options of the scenes on both sides of a change and of scenes with small margins. All other
+      scenes are solved less accurately (`scan_options`)
     - `progress`: `True` for a progress bar, or any object with a method `update(number_of_scenes)`
     - `refine_curved`: True to refine intervals in which the margin is so curved that it may cross zero
       unnoticed; ignored with `first_only`
@@ -132,7 +132,7 @@ def scan(
     - `width`: resolution of the search as a fraction of the range. If the motion is proportional to y, an
       overturning interval below the first change can be missed only if it is narrower than this fraction.
       None omits the search for intervals between the grid points
-    - `dips`: True to refine the lowest dips of the margin; otherwise only dips in which an overturning
+    - `dips`: True to refine the lowest dips of the margin. If False, only dips in which an overturning
       interval may open are refined, and `Scan.dip` is approximate
 
     Changes are enclosed in brackets of a relative width of 1e-12 or, if this is larger, of a tenth of
@@ -220,7 +220,7 @@ def margins(
     overturned, impacts, codes = (integers[name] for name in ("overturned", "impacts", "code"))
     edge_distance = np.zeros(x.shape)
     if has_distances:
-        # The output is a distance in ln y; the factor |y| turns it into a distance in y.
+        # The batch returns a distance in ln y; the factor |y| converts it to a distance in y.
         with np.errstate(invalid="ignore"):
             edge_distance = np.where(
                 np.isnan(floats["edge_distance"]), 0.0, floats["edge_distance"]
@@ -248,22 +248,22 @@ def _has_edge_distances(plane: Plane, x: np.ndarray, max_y: float, options: Opti
     leaves, structures = zip(*map(jax.tree.flatten, equal_if_scaled), strict=True)
     if structures[0] != structures[1]:
         return False
-    # Under a JAX transformation the numbers of samples are tracers. The numbers of samples do not depend on y
-    # and need not be compared.
+    # Under a JAX transformation the number of samples of a record is a tracer. This number does not depend on
+    # y and need not be compared.
     pairs = [pair for pair in zip(*leaves, strict=True) if not any(isinstance(y, Tracer) for y in pair)]
     return all(a is b or np.allclose(np.asarray(a), np.asarray(b), rtol=1e-6, atol=0.0) for a, b in pairs)
 
 
 def curvature_indicator(y: np.ndarray, margin: np.ndarray, same_line: np.ndarray) -> np.ndarray:
-    """Return how much the margin may deviate from a straight line between neighbours, divided by the distance
-    of the margin from zero, shape (n−1,).
+    """Return, for each two neighbouring scenes, how much the margin may deviate between them from a straight
+    line, divided by the distance of the margin from zero, shape (n−1,).
 
     - `y`, `margin`: positions and margins, sorted by line and y, shape (n,)
     - `same_line`: True for neighbours that belong to the same line, shape (n−1,)
 
-    If the indicator is at most 1, the margin, with a curvature estimated from second differences, does not
-    cross zero between neighbours with the same outcome, and only once between neighbours with different
-    outcomes.
+    The curvature of the margin is estimated from second differences. If the indicator is at most 1, a margin
+    with this curvature does not cross zero between neighbours with the same outcome, and crosses zero only
+    once between neighbours with different outcomes.
     """
     h = np.where(same_line, y[1:] - y[:-1], 1.0)
     h = np.where(h > 0, h, 1.0)
@@ -280,8 +280,8 @@ def curvature_indicator(y: np.ndarray, margin: np.ndarray, same_line: np.ndarray
 
 
 def _refine_curved(solved: SolvedScenes, solve: SolveScenes, finest: float) -> SolvedScenes:
-    """Solve further scenes in every interval longer than `finest` in which the margin may cross zero
-    unnoticed."""
+    """Solve further scenes in every interval in which the margin may cross zero unnoticed, unless the
+    interval is at most `finest` long."""
     fractions = np.arange(1, PARTS) / PARTS
     for _ in range(REFINEMENT_ROUNDS):
         line, y, margin = solved.line, solved.y, np.nan_to_num(solved.margin, nan=1.0)

@@ -1,14 +1,13 @@
-"""Search, within a compiled program, for the first boundary of one motion: the least factor on the motion
-that overturns.
+"""Search, within a compiled program, for the first boundary of one motion: the least scale (factor on the
+motion) that overturns.
 
-Scales (factors on the motion) are simulated in rows of `ROW_SIZE` scales. A scene is the podium under one
-scaled motion. The margin of a scene is 1 if the columns do not lift, and ≤ 0 if they overturn. The stages
-are:
+The search solves rows of `ROW_SIZE` scenes. A scene is the podium under the motion at one scale. The margin
+of a scene is 1 if the columns do not lift, and ≤ 0 if they overturn. The stages of the search are:
 
 1. A coarse row over the whole range shows up to which scale the columns never lift.
-2. From there, rows at the requested spacing follow up to the first scale that overturns.
-3. A row at full accuracy around this scale checks the change from survival to overturning. If no scale of the
-   row overturns, the search continues above the row.
+2. From this scale on, rows at the requested spacing follow up to the first scale that overturns.
+3. A row at full accuracy around this first overturning scale confirms the change from survival to
+   overturning. If no scale of the row overturns, stage 2 continues above the row.
 4. The lowest minima of the margin (dips) below the change are refined, because an overturning interval
    narrower than the spacing may lie there.
 5. The lowest change is enclosed in ever narrower brackets.
@@ -28,11 +27,11 @@ from jax import Array
 from rockjax._roots import points_near_root
 
 ROW_SIZE = 32  # number of scales in a row
-DIPS = ROW_SIZE // 2  # number of lowest dips that a row refines, each by one new scale on either side
+DIPS = ROW_SIZE // 2  # number of lowest dips that a row refines; each gets a new scale on either side
 MAX_ZOOMS = 7  # number of rows that refine the dips
 BRACKET_TOLERANCE = 1e-12  # relative width at which a bracket is narrow enough
 MAX_DIVISIONS = 12  # largest number of rows that narrow the bracket
-# Distances of scales from the linearly interpolated root, divided by the width of the bracket.
+# Distances of scales from the linearly interpolated zero of the margin, divided by the width of the bracket.
 ROOT_OFFSETS = np.logspace(-9, -1, ROW_SIZE // 4)
 
 COARSE, SCAN, CONFIRM, ZOOM, NARROW = range(5)  # the stages
@@ -125,8 +124,8 @@ def _coarse_scales(state: _State, limit: Array, spacing: Array) -> Array:
 
 
 def _update_coarse(state: _State, scales: Array, margin: Array, impacts: Array, limit: Array) -> _State:
-    """Start the scan at the largest scale of the row that does not lift the columns (margin 1). In full
-    contact the response is proportional to the scale, so no lower scale lifts the columns."""
+    """Start the scan at the largest scale of the row that does not lift the columns (margin 1). No lower
+    scale lifts the columns, because in full contact the response is proportional to the scale."""
     contact_scale = jnp.max(jnp.where(margin == 1, scales, 0.0))
     stage = jnp.where(contact_scale >= limit, ZOOM, SCAN)
     return state._replace(stage=stage, scanned_to=contact_scale, lo=contact_scale, previous=contact_scale)
@@ -159,7 +158,7 @@ def _update_scan(state: _State, scales: Array, margin: Array, impacts: Array, li
     # below the mean of its two neighbours.
     depth = 2 * margins[:, 1] - 0.5 * (margins[:, 0] + margins[:, 2])
     _, lowest = jax.lax.top_k(-depth, DIPS)
-    # The arrays `scales` and `margin` begin with the two previous survivors, `impacts` does not: `first - 2`.
+    # `scales` and `margin` begin with the two previous survivors, but `impacts` does not; hence `first - 2`.
     return state._replace(
         stage=jnp.where(is_found, CONFIRM, jnp.where(at_limit, ZOOM, SCAN)),
         scanned_to=scales[-1],
@@ -177,7 +176,7 @@ def _update_scan(state: _State, scales: Array, margin: Array, impacts: Array, li
 
 
 def _confirm_scales(state: _State, limit: Array, spacing: Array) -> Array:
-    """Return scales that follow the survivor before `lo`, up to one step after `hi`."""
+    """Return scales above the survivor before `lo`, up to the scale one step above `hi`."""
     end = jnp.minimum(state.hi + (state.hi - state.lo), limit)
     return state.previous + (end - state.previous) * _row_numbers(limit) / ROW_SIZE
 
@@ -266,14 +265,15 @@ _UPDATES = (_update_coarse, _update_scan, _update_confirm, _update_zoom, _update
 
 
 def _first_overturning(margin: Array) -> tuple[Array, Array]:
-    """Return whether any scale overturns, and the index of the first such scale, or the number of scales if
-    there is none."""
+    """Return whether any scale overturns, and the index of the first scale that overturns, or the number of
+    scales if none overturns."""
     overturns = margin <= 0
     return jnp.any(overturns), jnp.where(jnp.any(overturns), jnp.argmax(overturns), margin.size)
 
 
 def _widest_step(scales: Array, is_used: Array) -> Array:
-    """Return the widest step between successive scales with `is_used`; `scales` are in ascending order."""
+    """Return the widest step between neighbours among the scales with `is_used`; `scales` are in ascending
+    order."""
     last_used = jax.lax.cummax(jnp.where(is_used, scales, -jnp.inf))
     steps = jnp.where(is_used[1:] & jnp.isfinite(last_used[:-1]), scales[1:] - last_used[:-1], 0.0)
     return jnp.max(steps)

@@ -2,9 +2,9 @@
 theorem.
 
 The boundary a* is the least factor a on the motion, or the least amplitude a, that overturns the podium. At
-the boundary the overturning margin M is zero. Therefore da* = −dM/(∂M/∂a), where dM is the change of M due to
-the parameters at a fixed a. If the margin does not apply, the time of overturning replaces M, see
-`boundary_residual`.
+the boundary the overturning margin M is zero (see docs/overturning.md). Therefore da* = −dM/(∂M/∂a), where dM
+is the change of M due to a change of the parameters at a fixed a. If scenes have no margin, the time of
+overturning replaces M (see `boundary_residual`). M, or the time that replaces it, is called the residual.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def _root_change(slope, change, fallback: float):
 
 
 def boundary_change(leaves, varied_tangents, scale, structure, varied: tuple[bool, ...], uses_margin: bool):
-    """Return the tangent of a boundary, given the tangents of parameters.
+    """Return the tangent of a boundary (its change), given the tangents of parameters.
 
     The result is zero if there is no boundary, or if the derivative of the residual with respect to the scale
     is zero or not finite.
@@ -143,7 +143,7 @@ def _log_slopes(
     podium: Podium, records, rows, a, options: Options, *, pulse, names: tuple[str, ...], uses_margin: bool
 ):
     def slopes_of_row(row: dict[str, Array], a):
-        # `logs`: logarithms of a factor on a and of factors on the parameters
+        # `logs` are the logarithms of a factor on a and of a factor on each parameter.
         def residual(logs):
             factors = dict(zip(names, jnp.exp(logs[1:]), strict=True))
             past = a * (1 + JUST_PAST) * jnp.exp(logs[0])

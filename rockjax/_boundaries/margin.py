@@ -15,16 +15,19 @@ from rockjax._structures import Podium
 # By default, a scan finds every interval of overturning that is wider than this fraction of the scanned
 # range.
 DEFAULT_WIDTH = 1e-4
-# Relative tolerance of the scenes of a scan. A change between survival and overturning that is found from
-# these scenes has about the same relative error.
+# Relative tolerance of the scenes of a scan. The position of a change between survival and overturning has
+# about the same relative error if it is found from these scenes.
 SCAN_TOLERANCE = 1e-6
 _LEAST_SURVIVING_MARGIN = float(np.finfo(np.float32).tiny)  # least margin of a scene that survives
 
 
 def has_margin(options: Options, podium: Podium) -> bool:
-    """Return whether scenes have an overturning margin: the overturning angle `overturn_ratio`·α is at most
-    the stability angle θ_s, which is α without tendons and larger with tendons. The result is False if this
-    comparison is impossible because JAX traces `overturn_ratio` or, for ratios above 1, θ_s/α."""
+    """Return whether scenes have an overturning margin (see docs/overturning.md).
+
+    Scenes have a margin if the overturning angle `overturn_ratio`·α is at most the stability angle θ_s. The
+    stability angle is α without tendons and larger with tendons. The result is False if the angles cannot be
+    compared because JAX traces `overturn_ratio` or, for ratios above 1, θ_s/α.
+    """
     ratio = concrete(options.overturn_ratio)
     if ratio is None or bool(np.all(ratio <= 1)):
         return ratio is not None
@@ -55,23 +58,24 @@ def signed_margin(floats: dict[str, Any], overturned, overturn_ratio, uses_margi
 
 
 def boundary_residual(floats: dict[str, Any], uses_margin: bool):
-    """Return the output whose derivatives, taken just on the overturning side of the boundary, give the
-    derivatives of the boundary: the margin or, if it does not apply, the time of overturning.
+    """Return the output from which the derivatives of the boundary follow: the margin, or the time of
+    overturning if scenes have no margin. The output must be differentiated just on the overturning side of
+    the boundary.
 
-    The time of overturning and its derivatives grow without bound towards the boundary, but ratios of its
-    derivatives tend to derivatives of the boundary.
+    The time of overturning and its derivatives grow without bound towards the boundary. But the ratio of two
+    of these derivatives tends to a finite limit, from which the derivative of the boundary follows.
     """
     return floats["margin" if uses_margin else "overturn_time"]
 
 
 def margin_options(options: Options, uses_margin: bool) -> Options:
-    """Return `options` with a single requested output, the one that the search for a boundary needs."""
+    """Return `options` with the output that the search for a boundary needs as the only requested output."""
     return options.replace(outputs=("margin" if uses_margin else "peak_rotation",), throw=False)
 
 
 def scan_options(options: Options, width, xp: Any = jnp) -> Options:
-    """Return less accurate options for a scan, which still find overturning intervals wider than the fraction
-    `width` of the range. Neighbouring scenes of the scan with different outcomes are later solved again with
-    `options`."""
+    """Return less accurate options for a scan. They are accurate enough to show overturning intervals wider
+    than the fraction `width` of the range. Neighbouring scenes of the scan with different outcomes are later
+    solved again with `options`."""
     loose = SCAN_TOLERANCE * xp.minimum(1.0, width / DEFAULT_WIDTH)
     return options.replace(rtol=xp.maximum(options.rtol, loose), atol=xp.maximum(options.atol, 1e-2 * loose))

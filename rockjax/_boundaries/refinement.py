@@ -1,20 +1,21 @@
 """Points along lines of scenes: the spacing of points, and the search for windows between points.
 
-A scene is one podium under one motion, and a line is a set of scenes in which only y varies, such as the
-factor on the motion. A window is an interval of y in which scenes overturn. The search must find every window
-wider than a requested width; the spacing is slightly less than this width. The edge distance of a scene is
-the estimated change of y at which the scene could overturn (see `_batch/edge_distance.py`).
+A scene is one podium under one motion. A line is a set of scenes in which only y varies, such as the factor
+on the motion. A window is an interval of y in which scenes overturn. The search must find every window wider
+than a requested width; the spacing is slightly less than this width. The edge distance of a scene is the
+estimated change of y at which the scene could overturn (see `_batch/edge_distance.py`).
 
-The distance of two neighbours that both survive is at most `DISTANCE_SHARE` times the sum of both edge
-distances. A window in between would contradict the edge distances, which follow from derivatives at the
-turning points of both scenes. But windows that are a few spacings wide may have no effect on the scenes
-beside them. Therefore the distance of neighbours is also limited to `MAX_SPACINGS` spacings. If edge
-distances are short or unknown, neighbours are at most one spacing apart. This rule is an estimate, not a
-proof. For comparison, `benchmarks/boundaries.py` solves scenes in steps of a quarter of the requested width.
+The distance of two neighbours that both survive is limited in two ways. It is at most `DISTANCE_SHARE` times
+the sum of both edge distances: a window between such neighbours would contradict the edge distances. It is
+also at most `MAX_SPACINGS` spacings, because windows that are a few spacings wide may have no effect on the
+scenes beside them. If edge distances are short or unknown, neighbours are one spacing apart. These limits are
+estimates, not proofs. For comparison, `benchmarks/boundaries.py` solves scenes in steps of a quarter of the
+requested width.
 
 The points of this search are whole multiples of the spacing, so that repeated divisions of a step end at
-exactly one spacing. The first change of a line is the least y at which survival turns into overturning; a dip
-is a minimum of the margin.
+exactly one spacing. The margin of a scene is positive if it survives and negative if it overturns (see
+docs/overturning.md). A dip is a minimum of the margin along a line. The first change of a line is the least y
+at which survival turns into overturning.
 """
 
 from __future__ import annotations
@@ -66,11 +67,11 @@ class SolvedScenes(NamedTuple):
         return k[np.unique(self.line[k], return_index=True)[1]] if first_only else k
 
     def below_first_change(self) -> list[slice]:
-        """Return a slice of scenes for each line: from the last scene in which the columns do not lift up to
-        the first that overturns.
+        """Return a slice of scenes for each line: from the last scene in which the columns do not lift to the
+        first scene that overturns.
 
-        In full contact the response is proportional to the motion. Therefore, if a scale does not lift
-        the columns, no lower scale does.
+        In full contact the response is proportional to the motion. Therefore, if the columns do not lift
+        at one scale of the motion, they do not lift at any lower scale.
         """
         slices = []
         for start, end in itertools.pairwise([0, *(np.flatnonzero(np.diff(self.line)) + 1), self.line.size]):
@@ -89,8 +90,8 @@ SolveScenes = Callable[[np.ndarray, np.ndarray, bool], SolvedScenes]
 def spacing_for(width: float | None, size: float, resolution: int) -> float:
     """Return the spacing of points with which every window wider than `width` is found.
 
-    - `width`: width of a window divided by `size`; None to omit the search (the spacing is then inf)
-    - `size`: length of the range
+    - `width`: width of a window divided by `size`; None to omit the search, with inf as the result
+    - `size`: length of the range of y
     - `resolution`: number of equal steps of the range; the spacing is a step divided by a whole number
     """
     if width is None:
@@ -101,7 +102,7 @@ def spacing_for(width: float | None, size: float, resolution: int) -> float:
 def resolve_windows(
     solved: SolvedScenes, solve: SolveScenes, spacing: float, first_only: bool
 ) -> SolvedScenes:
-    """Solve further scenes until neighbours below the first change of each line are close enough to show
+    """Solve further scenes until, below the first change of each line, neighbours are close enough to show
     every window wider than the requested width.
 
     - `solved`: scenes solved so far
@@ -127,8 +128,7 @@ def resolve_windows(
 
 
 def widest_gaps(solved: SolvedScenes, spacing: float, line_end: float) -> np.ndarray:
-    """Return, for each line, the width of the widest interval below the first change that may overturn
-    unnoticed.
+    """Return, for each line, the width of the widest window below the first change that may have been missed.
 
     - `solved`: the solved scenes
     - `spacing`: result of `spacing_for`
@@ -185,8 +185,8 @@ def _next_points(solved: SolvedScenes, spacing: float) -> tuple[np.ndarray, np.n
 
 
 def _unconfirmed(solved: SolvedScenes, first_only: bool) -> np.ndarray:
-    """Return the indices of the scenes on both sides of a change, and of those with a small margin, that are
-    not yet solved at full accuracy."""
+    """Return the indices of the scenes on both sides of a change and of the scenes with a small margin, as
+    far as they are not yet solved at full accuracy."""
     changes = solved.changes(first_only)
     grazing = [
         below.start + np.flatnonzero(solved.margin[below] < GRAZING) for below in solved.below_first_change()
@@ -209,7 +209,7 @@ def find_dips(solved: SolvedScenes) -> np.ndarray:
 def points_around_dips(
     solved: SolvedScenes, lanes: int, may_open: bool = False
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """Return, for each line, points on both sides of the dips that may be the lowest (at most `DIPS` dips).
+    """Return points on both sides of the dips that may be the lowest dip of a line, at most `DIPS` per line.
 
     - `solved`: the solved scenes
     - `lanes`: number of scenes that a batch solves together
