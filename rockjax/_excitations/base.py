@@ -2,8 +2,9 @@
 ground acceleration ü_g, with a support (start and end) and breakpoints.
 
 Breakpoints are the times at which ü_g, one of its derivatives with respect to t, or the velocity of the
-ground jumps. They divide an excitation into smooth pieces. The engine never steps across a breakpoint and
-evaluates the smooth formula `piece(i)` of piece i, so that jumps and kinks cost no accuracy.
+ground jumps. They divide an excitation into smooth pieces. No step of the engine crosses a breakpoint. Within
+piece i, the engine evaluates the smooth formula `piece(i)`, so jumps and kinks of ü_g cause no error.
+
 `lookahead(threshold)` answers questions about the remaining motion: when |ü_g| next exceeds the threshold,
 how large |ü_g| can still become, and how large the integral of |ü_g| over the remaining time can be.
 """
@@ -94,9 +95,12 @@ class AbstractExcitation(Module):
 
     @abc.abstractmethod
     def piece(self, index: Index) -> Callable[[Value], Value]:
-        """Return the formula t ↦ ü_g of a piece. For n breakpoints, `index` is from 0 to n, and the piece
-        reaches from breakpoint `index` − 1 to breakpoint `index`; the formula is valid at both ends. A
-        `GroundMotion` has another numbering."""
+        """Return the formula t ↦ ü_g of a piece; the formula is valid at both ends of the piece.
+
+        Breakpoints and pieces are numbered from 0. For n breakpoints, `index` is from 0 to n. The piece
+        reaches from breakpoint `index` − 1 to breakpoint `index`; the first piece has no start, and the last
+        piece has no end. The pieces of a `GroundMotion` are numbered differently.
+        """
 
     @abc.abstractmethod
     def lookahead(self, threshold: Value | None) -> AbstractLookahead:
@@ -108,8 +112,8 @@ class AbstractExcitation(Module):
         raise NotImplementedError(f"{type(self).__name__} cannot be scaled; define its method `scaled`")
 
     def strength(self) -> np.ndarray | None:
-        """Return a number for each motion of a batch, roughly proportional to max|ü_g|, as a NumPy array;
-        scenes are sorted by these numbers. None if the class has no quick formula."""
+        """Return a NumPy array with a number for each motion of a batch, roughly proportional to max|ü_g|.
+        Scenes are sorted by these numbers. Return None if the class has no quick formula."""
         return None
 
     @property
@@ -123,19 +127,19 @@ class AbstractExcitation(Module):
         return self.breakpoints.shape[-1] + 1
 
     def common_form(self) -> AbstractExcitation:
-        """Return the same motion in a form for which fewer programs are compiled: samples, for example,
-        are padded to a few common lengths."""
+        """Return the same motion in a form for which fewer programs are compiled. For example, samples are
+        padded to a few common lengths."""
         return self
 
     @property
     def own_dimensions(self) -> dict[str, int]:
-        """Name of each field that is an array even in a single motion ↦ number of dimensions of this array.
-        In a batch of motions the field has further leading dimensions."""
+        """Dict with the fields that are arrays even in a single motion: name of the field ↦ number of
+        dimensions of the array. In a batch of motions, such a field has further leading dimensions."""
         return {}
 
     def past(self, index: Index, passed: Array) -> Index:
-        """Return the index of the piece after piece `index` if the flag `passed` (piece `index` has ended) is
-        True, otherwise `index`."""
+        """Return the index of the piece after piece `index`, if the flag `passed` is True because piece
+        `index` has ended; otherwise return `index`."""
         return index + passed.astype(jnp.int32)
 
     def before(self, index: Index, by: Any = 1) -> Index:
@@ -171,9 +175,9 @@ class AbstractExcitation(Module):
     def lowest(self) -> tuple[Value, Value]:
         """Return the minimum of ü_g [m/s²], which may be positive, and its time [s], for a single motion.
 
-        By default, ü_g is sampled at 4097 equally spaced times and at the breakpoints. The returned time is
-        that of the smallest sample. Where ü_g is smooth, a parabola through this sample and its neighbours
-        refines the value, but not the time.
+        By default, ü_g is sampled at `SAMPLES` equally spaced times and at the breakpoints. The returned time
+        is the time of the smallest sample. Where ü_g is smooth, a parabola through this sample and its
+        neighbours refines the value, but not the time.
         """
         start, end = self.support
         times = jnp.concatenate(
@@ -204,7 +208,8 @@ class AbstractExcitation(Module):
         return jnp.sum(self.breakpoints <= t).astype(jnp.int32)
 
     def __call__(self, t: Float[ArrayLike, "*times"]) -> Float[Array, "*times"]:
-        """Return ü_g(t) [m/s²]: the right limit at breakpoints, but the left limit at the last breakpoint."""
+        """Return ü_g(t) [m/s²]. At a breakpoint this is the limit from the right, but at the last breakpoint
+        the limit from the left."""
         t = as_float(t)
 
         def evaluate(s):

@@ -1,10 +1,12 @@
 """Ground motions with a vertical component: pairs of two excitations.
 
-A piece of the pair combines piece i of the horizontal with piece j of the vertical component. Its index is
-i·n + j, where n is the number of vertical pieces. Where breakpoints of both components coincide, i and j
-advance together. Unless a superstructure vibrates, columns lift when one of the combined signals ±ü_g − K v̈_g
-exceeds a threshold; K is the factor of v̈_g in (C10) of docs/control.md. Lookaheads (see `base.py`) find these
-crossings.
+`base.py` defines breakpoints, pieces and lookaheads. A piece of the pair combines piece i of the horizontal
+component with piece j of the vertical component. The index of the combined piece is i·n + j, where n is the
+number of vertical pieces. Where breakpoints of both components coincide, i and j advance together.
+
+Without a vibrating superstructure, the columns lift when one of the combined signals ±ü_g − K v̈_g exceeds
+a threshold. K is the factor of v̈_g in (C10) of docs/control.md. The lookahead of the pair finds the time at
+which this happens.
 """
 
 from __future__ import annotations
@@ -27,9 +29,9 @@ from .base import AbstractExcitation, AbstractLookahead, Shaking
 
 PARTS = "horizontal", "vertical"
 MAX_PIECES = 2**31  # limit of the number of pairs of pieces, because their index is a 32-bit integer
-# Excursions of a combined signal above the threshold may be missed if they last less than this multiple of
-# √(threshold/curvature), where `curvature` is the bound of the second derivatives of the combined signals, or
-# less than the rounding of time.
+# An excursion of a combined signal above the threshold may be missed if it is shorter than this multiple of
+# √(threshold/curvature), or shorter than the rounding of time. `curvature` is the bound of the second
+# derivatives of the combined signals.
 MIN_EXCURSION = 1e-9
 # Factor on the level of |ü_g| below which no combined signal can exceed the threshold. It is less than 1 as a
 # margin for rounding.
@@ -64,8 +66,8 @@ class GroundMotion(AbstractExcitation):
 
     g + v̈_g must be positive at all times, because otherwise joints could open vertically, which the model
     excludes. If g + v̈_g is not always positive, a single scene whose values are not traced raises
-    `ValueError`, and other scenes end with the result `weightless`. Raises `ValueError` for components that
-    are not motions with one component, and for components with too many pieces (samples).
+    `ValueError`. Scenes of a batch and traced scenes end with the result `weightless`. Raises `ValueError`
+    for arguments that are not motions with one component, and for motions with too many pieces (samples).
     """
 
     horizontal: AbstractExcitation = eqx.field(converter=_component("horizontal"))
@@ -86,8 +88,8 @@ class GroundMotion(AbstractExcitation):
 
     @property
     def shorter(self) -> Number:
-        """Duration of the shorter component [s]. A component of zero duration is ignored unless both have
-        zero duration."""
+        """Duration of the shorter component [s]. A component of zero duration is ignored; if both have zero
+        duration, the result is 0."""
         durations = [end - start for start, end in (self.horizontal.support, self.vertical.support)]
         durations = [jnp.where(duration > 0, duration, jnp.inf) for duration in durations]
         shorter = jnp.minimum(*durations)
@@ -184,12 +186,13 @@ class GroundMotion(AbstractExcitation):
         )
 
     def tie(self, index: Index) -> tuple[Value, Index]:
-        """Return the difference of two coincident breakpoints, and the index of the piece between them.
+        """Return the difference of the two breakpoints that coincide at the end of a piece, and the index of
+        the piece between these breakpoints.
 
-        The difference, horizontal minus vertical breakpoint at the end of piece `index` [s], is zero. Its
-        derivatives with respect to the parameters are not zero if the two breakpoints depend differently on
-        them. The piece between the breakpoints combines the next horizontal piece with the present vertical
-        piece. If the breakpoints do not coincide, the difference is the constant zero.
+        The difference is the time of the horizontal breakpoint minus the time of the vertical breakpoint [s].
+        Its value is zero, but its derivatives with respect to parameters are not zero if the two times depend
+        differently on the parameters. If no breakpoints coincide, the difference is the constant zero. The
+        piece between the breakpoints combines the next horizontal piece with the present vertical piece.
         """
         i, j = self.parts(index)
         end_i, end_j = self._ends(index)
@@ -213,8 +216,8 @@ class GroundMotion(AbstractExcitation):
 
     def lookahead(self, threshold: Value | None, tilt: Value | None = None) -> PairLookahead:
         """Return the lookahead for a threshold [m/s²] of the combined signals ±ü_g − K v̈_g, with K = `tilt`.
-        If `tilt` is None, `threshold` is a threshold of |ü_g|. The lookahead's method `next_exceedance` needs
-        both arguments, `highest_time` only the threshold."""
+        If `tilt` is None, `threshold` is a threshold of |ü_g|. The method `next_exceedance` of the lookahead
+        needs both arguments. The method `highest_time` needs only the threshold."""
         motion: GroundMotion = jax.lax.stop_gradient(self)
         vertical = motion.vertical.lookahead(None)
         if threshold is None or tilt is None:
@@ -316,8 +319,8 @@ class PairLookahead(AbstractLookahead):
 
         The search visits only times at which |ü_g| is large enough for a combined signal to exceed the
         threshold. A step of the search ends where a signal would reach the threshold if its second derivative
-        were as large as its bound, so the step passes no crossing. Only steps of the least length may pass
-        short excursions above the threshold, see `MIN_EXCURSION`.
+        had the largest possible value, so the step passes no crossing. Only steps of the least length may
+        pass short excursions above the threshold (see `MIN_EXCURSION`).
         """
         del piece
         threshold, tilt, curvature = self.threshold, self.tilt, self.curvature
@@ -378,7 +381,7 @@ def check_weight(owner: str, motion: AbstractExcitation, g: Number) -> None:
     """Raise `ValueError` unless g + v̈_g is positive at all times; batches and traced numbers pass."""
     if not isinstance(motion, GroundMotion) or any(map(jnp.ndim, motion.vertical.support)) or jnp.ndim(g):
         return
-    # JAX compiles these operations for every number of samples; the common form has one of a few numbers.
+    # JAX compiles these operations for every number of samples. The common form has only a few such numbers.
     lowest, time = (concrete(y) for y in motion.vertical.common_form().lowest())
     gravity = concrete(g)
     if lowest is None or time is None or gravity is None or lowest.ndim or gravity + lowest > 0:

@@ -1,5 +1,5 @@
-"""Motions whose acceleration is a polynomial between breakpoints and whose velocity jumps at breakpoints,
-such as the motions of floors."""
+"""Motions with a polynomial acceleration between breakpoints and velocity jumps at breakpoints, such as the
+motions of floors."""
 
 from __future__ import annotations
 
@@ -95,8 +95,8 @@ class PiecewiseMotion(AbstractExcitation):
 
 
 class NoLookahead(AbstractLookahead):
-    """Lookahead of a motion with unknown later peak and impulse, for which it returns inf as bounds. A scene
-    therefore never ends early for the reason that the remaining motion is too weak."""
+    """Lookahead of a motion whose later peak and impulse are unknown. Their bounds are inf, so a scene never
+    ends early because the remaining motion is too weak."""
 
     def next_exceedance(self, t: Value, piece: Index) -> Value:
         raise NotImplementedError("a motion without a lookahead has no search for exceedances")

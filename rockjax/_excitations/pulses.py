@@ -1,7 +1,7 @@
 """Analytical pulses ü_g = a_p·s(t/T_p) with amplitude a_p, period T_p and a fixed shape s.
 
-The knots of a shape are the ends of the intervals on which s is monotone. Eq. (32) is an equation of the
-paper that docs/model.md names.
+The knots of a shape are the ends of the intervals on which s is monotone. Eq. (32) is in docs/model.md.
+`base.py` defines support, breakpoints and lookaheads.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ MAX_AMPLITUDE = 20 * STANDARD_GRAVITY  # [m/s²]; a larger amplitude was probabl
 BETA = math.sqrt(6 * (3 - math.sqrt(6))) * math.exp(-(3 - math.sqrt(6)) / 2)
 
 
-# Smaller values |s| at knots count as zero: they are rounding errors, or tails of a Ricker pulse at the ends
-# of its support.
+# A value |s| at a knot counts as zero below this limit: it is a rounding error, or the tail of a Ricker pulse
+# at an end of its support.
 _NEGLIGIBLE = 1e-15
 _HALVINGS, _NEWTON_STEPS = 10, 5  # numbers of bisections and Newton steps in a root search
 
@@ -45,16 +45,16 @@ def _root(f: Callable[[Array], Array], lo: Array, hi: Array) -> Array:
     """Return the root of an increasing function f in [lo, hi], rounded to the side with f > 0, or hi if there
     is no root.
 
-    A fixed number of bisections and Newton steps narrows the interval. Bisections then continue until no
-    floating-point number lies between the ends of the interval. Many of them are needed only if f is flat at
-    the root.
+    A fixed number of bisections and Newton steps narrows the interval. Further bisections follow until no
+    floating-point number lies between the ends of the interval. Many further bisections are needed only if f
+    is flat at the root.
     """
     is_positive = lambda z: f(z) > 0
     lo = jnp.where((f(lo) <= 0) & is_positive(hi), lo, hi)
     hi, lo = bisect(is_positive, hi, lo, _HALVINGS, jnp)
     hi, lo, z, slope = newton(f, hi, lo, _NEWTON_STEPS)
-    # Error of z, with a margin of 4: its own rounding, and the rounding of f (whose values are of order 1)
-    # divided by the slope of f.
+    # Estimated error of z, times 4 for safety. It is the rounding of z plus the rounding of f, whose values
+    # are of order 1, divided by the slope of f.
     inverse_slope = 1 / jnp.where(slope == 0, jnp.inf, slope)
     rounding = 4 * jnp.finfo(z.dtype).eps * (jnp.abs(z) + jnp.abs(inverse_slope))
     for trial in (z - rounding, z + rounding):
@@ -70,14 +70,13 @@ def _root(f: Callable[[Array], Array], lo: Array, hi: Array) -> Array:
 
 
 class _PulseLookahead(AbstractLookahead):
-    """Lookahead of a pulse: after a time t, the next exceedance of a threshold, the remaining impulse and the
-    remaining peak. Exceedances follow from the crossings of the threshold on the intervals where the pulse is
-    monotone.
+    """Lookahead of a pulse. Exceedances of the threshold follow from the crossings of the threshold on the
+    intervals where the pulse is monotone.
 
     - `a_p`, `T_p`: amplitude [m/s²] and period [s]
-    - `lead`, `trail`: times that limit the exceedances, divided by T_p [–], shape (intervals,): between the
-      knots b_k and b_{k+1}, |ü_g| exceeds the threshold in [b_k, lead_k) and in (trail_k, b_{k+1}). None if
-      there is no threshold
+    - `lead`, `trail`: times at which exceedances end or start, divided by T_p [–], shape (intervals,).
+      Between the knots b_k and b_{k+1}, |ü_g| exceeds the threshold from b_k to lead_k and from trail_k to
+      b_{k+1}. None if there is no threshold
     - `pulse`: class of the pulse
     """
 
@@ -104,8 +103,8 @@ class _PulseLookahead(AbstractLookahead):
         knots = (*pulse.zeros, pulse.span[1])
         velocity = [float(pulse.velocity(np.float64(z))) for z in knots]
         tau = jnp.clip(t / self.T_p, *pulse.span)
-        # Zeros of the shape divide it into lobes. The integral of |ü_g| from t on is the rest of the present
-        # lobe plus all later lobes.
+        # The zeros of the shape divide it into lobes. The integral of |ü_g| from t on is the area of the rest
+        # of the present lobe plus the areas of all later lobes.
         lobe_end, later_lobes = velocity[-1], 0.0
         for k in reversed(range(len(pulse.zeros))):
             lobes = sum(abs(b - a) for a, b in zip(velocity[k:-1], velocity[k + 1 :], strict=True))
@@ -202,7 +201,7 @@ class AbstractPulse(AbstractExcitation):
 
     def at_most(self, piece: Index, t: Value, ahead: Value, now: Value) -> Value:
         del piece, t
-        # From its value `now` at t, |ü_g| grows at most at the largest slope of the pulse.
+        # |ü_g| is `now` at the time t and then grows at most as fast as the largest slope of the pulse.
         return now + jnp.abs(self.a_p / self.T_p) * _derivative_bound(type(self), 1) * ahead
 
     def curvature(self) -> Value:
@@ -218,8 +217,8 @@ class AbstractPulse(AbstractExcitation):
         a_p, T_p = jax.lax.stop_gradient((self.a_p, self.T_p))
         if threshold is None:
             return _PulseLookahead(a_p, T_p, None, None, type(self))
-        # The threshold divided by the amplitude; inf for zero amplitude, because such a pulse exceeds no
-        # threshold.
+        # The level is the threshold divided by the amplitude. For zero amplitude it is inf, because such
+        # a pulse exceeds no threshold.
         level = jax.lax.stop_gradient(threshold) / jnp.where(a_p == 0, 1.0, jnp.abs(a_p))
         level = jnp.where(a_p == 0, jnp.inf, level)
         knots = np.asarray(self.knots())
@@ -259,8 +258,8 @@ class AbstractPulse(AbstractExcitation):
 
 @functools.cache
 def _derivative_bound(pulse: type[AbstractPulse], order: int) -> float:
-    """Return the largest absolute value of the first or second derivative of a shape inside its span, from
-    differences on a fine grid, increased by 1 %."""
+    """Return a bound of the first or second derivative (`order`) of a shape inside its span: the largest
+    absolute value of differences on a fine grid, increased by 1 %."""
     h, (start, end) = 1e-4, pulse.span
     with jax.ensure_compile_time_eval():
         s = np.asarray(pulse.shape(np.arange(start + 0.5 * h, end, h)))

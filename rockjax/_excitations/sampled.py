@@ -1,7 +1,8 @@
-"""Sampled ground motions: ü_g is linear between samples, and zero before the first and after the last sample,
-where ü_g may jump.
+"""Sampled ground motions: ü_g is linear between samples, and zero before the first and after the last sample.
+At the first and the last sample ü_g may jump.
 
-A table is an array with the samples of one or several motions, one motion in each row, padded with zeros.
+A table is an array with the samples of one or several motions. Each motion has a row, padded with zeros.
+`base.py` defines pieces, breakpoints and lookaheads.
 """
 
 from __future__ import annotations
@@ -72,8 +73,8 @@ class AbstractSampled(AbstractExcitation):
 
     @abc.abstractmethod
     def samples_at(self, table: Float[Array, "*table n"], i: Index) -> Value:
-        """Return the element i of this motion from an array with one row for each row of `table`; the rows of
-        the array may have any length."""
+        """Return the element i of this motion from an array. The array has a row for each row of the table of
+        samples, and its rows may have any length."""
 
     def row_counts(self) -> Int[Array, "*rows 1"]:
         """Return the number of samples in each row of the table."""
@@ -110,7 +111,7 @@ class AbstractSampled(AbstractExcitation):
 
     def locate(self, t: Value) -> Index:
         start, dt, count, _ = self.sampling
-        # Rounding may make the guess wrong by one, so it is compared with the times of samples.
+        # Rounding may make the guess wrong by one, so the guess is compared with the times of samples.
         guess = jnp.clip(jnp.floor((t - start) / dt), -1, jnp.asarray(count - 1, dt.dtype)).astype(jnp.int32)
         guess = jnp.where(self.breakpoint(guess + 1) <= t, guess + 1, guess)
         guess = jnp.where((guess >= 0) & (self.breakpoint(guess) > t), guess - 1, guess)
@@ -126,14 +127,14 @@ class AbstractSampled(AbstractExcitation):
         return lambda t: a0 + slope * (t - t0)
 
     def at_most(self, piece: Index, t: Value, ahead: Value, now: Value) -> Value:
-        # The motion is linear between samples, so |ü_g| is largest at an end of the interval.
+        # The motion is linear within a piece, so |ü_g| is largest at one end of the interval.
         return jnp.maximum(now, jnp.abs(self.piece(piece)(t + ahead)))
 
     def curvature(self) -> Value:
         return jnp.zeros_like(self.sampling.dt)
 
     def lowest(self) -> tuple[Value, Value]:
-        # The table is padded with zeros, and the motion is zero outside its samples.
+        # The padding is zero, like the motion outside its samples, so it does not falsify the minimum.
         scale, table = self.sampling.scale, self.table
         indices = jnp.argmin(table, axis=-1), jnp.argmax(table, axis=-1)
         low, high = (jnp.take_along_axis(table, k[..., None], axis=-1)[..., 0] for k in indices)
@@ -143,13 +144,14 @@ class AbstractSampled(AbstractExcitation):
         return scale * jnp.where(is_positive, low, high), self.sample_time(sample)
 
     def select_rows(self, rows: Array) -> Array:
-        """Return the elements of this motion, or of a batch, from an array with one element per table row."""
+        """Return the elements of this motion, or of the motions of a batch, from an array with one element
+        for each row of the table."""
         return rows
 
     def lookahead(self, threshold: Value | None) -> AbstractLookahead:
         record: AbstractSampled = jax.lax.stop_gradient(self)
         magnitudes = record.magnitudes()
-        # Trapezoids give an upper bound: they exceed the integral of |ü_g| where ü_g changes sign.
+        # Trapezoids give an upper bound, because they exceed the integral of |ü_g| where ü_g changes sign.
         areas = 0.5 * (magnitudes[..., 1:] + magnitudes[..., :-1])
         areas = jnp.concatenate([areas, jnp.zeros_like(magnitudes[..., :1])], axis=-1)
         # The sums start at the last sample, so that padding does not change their rounding.
@@ -175,8 +177,8 @@ class AbstractSampled(AbstractExcitation):
 
 
 class SampledLookahead(AbstractLookahead):
-    """Lookahead of a sampled motion, from sums and maxima over the samples. Samples, sums and maxima are
-    stored unscaled, without the factor `Sampling.scale`."""
+    """Lookahead of a sampled motion, from sums and maxima over its samples. Samples, sums and maxima are
+    stored without the factor `Sampling.scale`."""
 
     record: AbstractSampled
     threshold: Value | None
@@ -194,7 +196,7 @@ class SampledLookahead(AbstractLookahead):
         value = jnp.abs(scale) * self.record.samples_at(table, jnp.clip(piece - 1, 0, count - 1))
         return jnp.where(piece < count, value, 0.0)
 
-    # Bounds that hold from the start of the piece on also hold from t on.
+    # The bounds of `impulse` and `peak` hold from the start of the piece on, and therefore also from t on.
     def impulse(self, t: Value, piece: Index) -> Value:
         return self.record.sampling.dt * self._from_piece(self.remaining_integral, piece)
 
@@ -216,8 +218,8 @@ class SampledLookahead(AbstractLookahead):
         return times[jnp.argmax(size_on(side, jnp.stack([record(t) for t in times])))]
 
     def _highest_sample(self, first: Index, end: Index, side: Value | None) -> Index:
-        """Return the sample in [first, end) with the largest |ü_g|, or with the largest side·ü_g if a side is
-        given. A tree of maxima is searched."""
+        """Return the sample with the largest |ü_g| among the samples from `first` to `end` − 1; with the
+        largest side·ü_g if a side is given. The search uses a tree of maxima (see `_tree_of_maxima`)."""
         tree = self.tree
         assert tree is not None
         leaves = tree.shape[-1] // 2
@@ -235,7 +237,8 @@ class SampledLookahead(AbstractLookahead):
 
         def climb(_, carry):
             left, right, best = carry
-            # A node at an end of the range is compared here if its parent has a child outside the range.
+            # If the parent of a node at an end of the range also covers samples outside the range, the node
+            # itself is compared here.
             for edge, node in ((left, left), (right, right - 1)):
                 best = jnp.where(
                     (left < right) & (edge % 2 == 1) & (maximum_of(node) > maximum_of(best)), node, best
@@ -254,7 +257,7 @@ class SampledLookahead(AbstractLookahead):
 
     def next_exceedance(self, t: Value, piece: Index) -> Value:
         """Return the first time ≥ t at which |ü_g| exceeds the threshold [s]: t itself, or the crossing
-        before the next sample above the threshold, or inf if there is none."""
+        before the next sample above the threshold, or inf if there is no such sample."""
         record, threshold = self.record, self.threshold
         assert threshold is not None
         count = record.sampling.count
@@ -270,7 +273,7 @@ class SampledLookahead(AbstractLookahead):
         crossing = start + (threshold - jnp.sign(a1) * a0) / jnp.abs(jnp.where(slope == 0, 1.0, slope))
         crossing = jnp.clip(crossing, start, end)
         # Move to the next floating-point number, at which the threshold is exceeded. The arguments of
-        # `nextafter` are held constant, because older versions of JAX cannot differentiate it.
+        # `nextafter` are held constant, because older versions of JAX cannot differentiate `nextafter`.
         fixed = jax.lax.stop_gradient(crossing)
         crossing += jnp.nextafter(fixed, jax.lax.stop_gradient(end)) - fixed
         return jnp.where(exceeds_now, t, jnp.where(sample < count, crossing, jnp.inf))
@@ -279,8 +282,8 @@ class SampledLookahead(AbstractLookahead):
         """Return the index ≥ `first` of the next sample with |ü_g| above the threshold, or the number of
         samples if there is none.
 
-        The search skips nodes of the tree of maxima that are below the threshold. Its cost is logarithmic
-        in the length of the record.
+        The search skips nodes of the tree of maxima that are below the threshold. The number of visited nodes
+        is therefore proportional to the logarithm of the length of the record.
         """
         tree = self.tree
         assert tree is not None
@@ -293,8 +296,9 @@ class SampledLookahead(AbstractLookahead):
         def advance(carry):
             node, _ = carry
             is_above = exceeds(node)
-            # A node above the threshold: go to its first child. A left child below the threshold: go to its
-            # right neighbour. A right child below the threshold: go to the right neighbour of its parent.
+            # From a node above the threshold, go to its first child. From a left child below the threshold,
+            # go to its right neighbour. From a right child below the threshold, go to the right neighbour of
+            # its parent.
             next_node = jnp.where(is_above, 2 * node, jnp.where(node % 2 == 1, (node + 1) // 2, node + 1))
             is_found = is_above & (node >= leaves)
             is_last = ~is_above & ((node & (node + 1)) == 0)  # the rightmost node of its level

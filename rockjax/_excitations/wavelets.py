@@ -1,7 +1,8 @@
 """Wavelets with a variable number of oscillations.
 
 Unlike the pulses in `pulses.py`, wavelets are not monotone on fixed intervals. Therefore their lookaheads
-search for the next exceedance of a threshold with the help of bounds on |ü_g| and |d²ü_g/dt²|.
+(see `base.py`) search for the next exceedance of a threshold, with the help of bounds on |ü_g| and
+|d²ü_g/dt²|.
 """
 
 from __future__ import annotations
