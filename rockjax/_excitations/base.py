@@ -217,7 +217,7 @@ class AbstractExcitation(Module):
             is_last = (piece == self.last_piece) & (self.breakpoint(piece - 1) == s)
             return self.piece(piece - is_last.astype(piece.dtype))(s)
 
-        with nans_allowed():  # `breakpoint` returns inf after the last one
+        with nans_allowed():  # an inf from `breakpoint` is no error
             return jax.vmap(evaluate)(t.ravel()).reshape(t.shape)
 
     def __repr__(self):

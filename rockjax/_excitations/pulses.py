@@ -76,7 +76,7 @@ class _PulseLookahead(AbstractLookahead):
     - `a_p`, `T_p`: amplitude [m/s²] and period [s]
     - `lead`, `trail`: times at which exceedances end or start, divided by T_p [–], shape (intervals,).
       Between the knots b_k and b_{k+1}, |ü_g| exceeds the threshold from b_k to lead_k and from trail_k to
-      b_{k+1}. None if there is no threshold
+      b_{k+1}; either part may be empty. None if there is no threshold
     - `pulse`: class of the pulse
     """
 

@@ -6,5 +6,6 @@ New figures have the style `STYLE`; the user's settings and the style of the use
 
 import lazy_loader as _lazy_loader
 
-# __init__.pyi lists the public names, which are imported on first access.
+# `__init__.pyi` lists the public names and the module of each. A module is imported when one of its names is
+# first used.
 __getattr__, __dir__, __all__ = _lazy_loader.attach_stub(__name__, __file__)

@@ -48,23 +48,25 @@ def animation(
     end: float | None = None,
     moving_ground: bool = False,
 ) -> _Animation:
-    """Animate the rocking podium above its rotation history, by default in real time and to scale.
+    """Animate the rocking podium, above a plot of its rotation history. By default the animation is in real
+    time and to scale.
 
     - `response`: a [`rockjax.Response`][] or its dataset
     - `columns`: number of columns to draw, ≥ 1; it does not affect the response
     - `exaggerate`: factor on the drawn rotation, deformation and ground displacement, > 0 [–]; the picture
       states the factor
-    - `speed`: seconds of the scene per second of the animation, > 0; `fps`: frames per second of the
-      animation, > 0
+    - `speed`: seconds of the scene per second of the animation, > 0
+    - `fps`: frames per second of the animation, > 0
     - `start`, `end`: part of the scene to show [s], by default the whole scene
-    - `moving_ground`: whether to draw the horizontal displacement of the ground, which is ü_g integrated
-      twice, from rest at the start of the history
+    - `moving_ground`: whether to draw the horizontal displacement of the ground. It is ü_g integrated twice,
+      from rest at the start of the history
 
-    Columns of width 2B and height 2H rotate about their edges, the beam moves by u_b and v_b, Eq. (13), and
-    an elastic superstructure moves by its deformation u_t − u_b relative to the beam. The floors of a
-    building move by their drifts; of several modes without floors only the first is drawn. The drawn sizes of
-    beam and superstructure are arbitrary, except for heights of stories. Returns an animation that Jupyter
-    displays. Raises `ValueError` for arguments out of range.
+    Columns of width 2B and height 2H rotate about their edges. The beam moves by u_b and v_b, Eq. (13). An
+    elastic superstructure moves by its deformation u_t − u_b relative to the beam. Each floor of a building
+    moves by the sum of the drifts of the stories below it. Of several modes without floors only the first is
+    drawn. The drawn sizes of beam and superstructure are arbitrary, except for the heights of stories.
+
+    Returns an animation that Jupyter displays. Raises `ValueError` for arguments out of range.
     """
     owner = "plots.animation"
     if not isinstance(columns, int) or columns < 1:
@@ -134,7 +136,7 @@ def _ground_displacement(data: xarray.Dataset) -> np.ndarray:
 
 
 class _Stage:
-    """Figure of an animation, in which `show` draws one frame."""
+    """Figure of an animation. The method `show` draws one frame."""
 
     def __init__(
         self, data: xarray.Dataset, times, columns: int, exaggerate: float, speed: float, moving_ground: bool

@@ -27,11 +27,12 @@ if TYPE_CHECKING:
 def overturning_curve(dataset: xarray.Dataset, ax: Axes | None = None, **line) -> Axes:
     """Plot the minimum overturning acceleration of a rocking spectrum against frequency.
 
-    A spectrum with the variable `boundaries`, bisected between grid points, is drawn like an overturning
-    spectrum. Another spectrum is drawn as steps between grid points.
+    If the spectrum has the variable `boundaries` (boundaries that were bisected between grid points), it is
+    drawn like an overturning spectrum. Otherwise the curve has steps between grid points.
 
     - `dataset`: dataset of [`rockjax.rocking_spectrum`][]
-    - `ax`: axes to draw into; `line`: arguments of `Axes.plot` or `Axes.step`
+    - `ax`: axes to draw into
+    - `line`: arguments of `Axes.plot` or `Axes.step`
     """
     assert ax is not None
     if "boundaries" in dataset:
@@ -94,11 +95,12 @@ def overturning_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, **line
     """Plot the least overturning acceleration against frequency, with windows of survival above it shaded.
 
     Dotted lines mark jumps of the least acceleration to another branch of the boundary. Triangles mark ends
-    of the curve; at the frequencies beyond, no searched acceleration overturns. `ax.legend()` explains lines
-    and marks.
+    of the curve. At the next frequency beyond an end, no searched acceleration overturns. `ax.legend()`
+    explains lines and marks.
 
     - `dataset`: dataset of [`rockjax.overturning_spectrum`][]
-    - `ax`: axes to draw into; `line`: arguments of `Axes.plot`
+    - `ax`: axes to draw into
+    - `line`: arguments of `Axes.plot`
     """
     assert ax is not None
     x, minimum = dataset["frequency_ratio"].values, dataset["minimum"].values
@@ -126,9 +128,10 @@ def _survival_polygons(
       with NaN
     - `highest`: end of a window that has no upper boundary
 
-    At each x, windows extend from the second boundary to the third, from the fourth to the fifth, and so on.
-    A window is connected to the overlapping windows at the next x; a window without such a neighbour ends
-    half-way to the next x.
+    At each frequency, the columns overturn above the first boundary and survive above the second. Windows of
+    survival therefore extend from the second boundary to the third, from the fourth to the fifth, and so on.
+    A window is connected to the overlapping windows at the next frequency. If there are none, it ends
+    half-way to the next frequency.
     """
     windows: list[list[tuple[float, float]]] = []
     for row in boundaries:
@@ -149,8 +152,8 @@ def _survival_polygons(
 
 
 def _find_jumps(curve: np.ndarray) -> np.ndarray:
-    """Return the indices of the points before jumps of a curve. A jump is a step of more than 5 % that is
-    also more than 2.5 times as large as the steps on either side."""
+    """Return the indices of the points before jumps of a curve. A jump is a relative step of more than 5 %
+    that is also more than 2.5 times as large as the step on either side."""
     step = np.abs(np.diff(curve)) / np.maximum(curve[:-1], 1e-300)
     neighbours = np.fmax(np.r_[0, step[:-1]], np.r_[step[1:], 0])
     return np.flatnonzero((step > 0.05) & (step > 2.5 * neighbours))
@@ -159,8 +162,10 @@ def _find_jumps(curve: np.ndarray) -> np.ndarray:
 def _draw_with_jumps(ax: Axes, x: np.ndarray, y: np.ndarray, jumps: np.ndarray, **line) -> Any:
     """Draw a line with dotted segments at its jumps; return the line.
 
-    - `ax`: axes to draw into; `x`, `y`: points of the line, shape (n,)
-    - `jumps`: indices before the jumps; `line`: arguments of `Axes.plot`
+    - `ax`: axes to draw into
+    - `x`, `y`: points of the line, shape (n,)
+    - `jumps`: indices of the points before the jumps
+    - `line`: arguments of `Axes.plot`
     """
     (curve,) = ax.plot(np.insert(x, jumps + 1, np.nan), np.insert(y, jumps + 1, np.nan), **line)
     bridge = {"ls": (0, (1, 2)), "lw": 0.8}
@@ -174,10 +179,12 @@ def _draw_with_jumps(ax: Axes, x: np.ndarray, y: np.ndarray, jumps: np.ndarray, 
 
 
 def _mark_ends(ax: Axes, x: np.ndarray, minimum: np.ndarray, highest: float, colour: Any) -> None:
-    """Draw triangles at ends of a curve beyond which no acceleration up to `highest` overturns.
+    """Draw triangles at the ends of a curve.
 
     - `ax`, `colour`: axes to draw into, and colour of the curve
-    - `x`, `minimum`: points of the curve, shape (n,); `minimum` is NaN where nothing overturns
+    - `x`, `minimum`: points of the curve, shape (n,); `minimum` is not finite where nothing overturns
+    - `highest`: end of the search, for the legend. Beyond an end of the curve, no acceleration up to
+      `highest` overturns
     """
     is_finite = np.isfinite(minimum)
     ends = is_finite & (np.r_[True, is_finite[:-1]] != np.r_[is_finite[1:], True])
@@ -199,8 +206,8 @@ def _add_legend_entry(ax: Axes, label: str, draw: Callable[[str], Any]) -> None:
 
 @styled
 def sensitivities(panels: xarray.Dataset) -> Figure:
-    """Plot derivatives of the least overturning acceleration with respect to ln y: one row per parameter y,
-    one column per η/γ, one curve per T_s.
+    """Plot derivatives of the least overturning acceleration with respect to the logarithms of parameters y:
+    one row of panels per parameter, one column per η/γ, one curve per T_s.
 
     `panels` is an overturning spectrum with sensitivities and the further dims `eta_over_gamma` and `T_s`.
     """
@@ -234,7 +241,7 @@ def sensitivities(panels: xarray.Dataset) -> Figure:
 
 
 def _set_limits(ax: Axes, values: np.ndarray) -> None:
-    """Set limits of the vertical axis that exclude the very large values at the ends of branches."""
+    """Set limits of the vertical axis. They exclude the very large values at the ends of branches."""
     finite = values[np.isfinite(values)]
     if finite.size:
         lo, hi = np.percentile(finite, [2, 96])

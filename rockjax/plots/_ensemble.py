@@ -38,8 +38,8 @@ def ensemble(
     - `output`, `component`, `confidence`: as for `Ensemble.cdf`
 
     Peaks of overturned scenes count as +∞, so the curve of a peak ends at the fraction of surviving scenes.
-    Their `least_…` answers count as −∞, so the curve of such an answer starts at the overturned fraction.
-    Raises `ValueError` as `Ensemble.cdf` does.
+    Answers named `least_…` of overturned scenes count as −∞, so the curve of such an answer starts at the
+    fraction of overturned scenes. Raises `ValueError` as `Ensemble.cdf` does.
     """
     assert ax is not None
     is_single = isinstance(ensembles, Ensemble) or hasattr(ensembles, "data_vars")
@@ -80,9 +80,9 @@ def quantile_quantile(
     - `output`, `component`: as for `Ensemble.quantiles`
     - `confidence`: confidence level of the intervals of the marked quantiles
 
-    Ensembles with the same distribution follow the dotted diagonal. The curve ends where the quantile of
-    either ensemble is infinite (an overturned scene). Raises `ValueError` unless there are two ensembles, and
-    as `Ensemble.quantiles` does.
+    Ensembles with the same distribution follow the dotted diagonal. The curve ends where a quantile of one of
+    the ensembles is infinite because of overturned scenes. Raises `ValueError` unless there are two
+    ensembles, and as `Ensemble.quantiles` does.
     """
     assert ax is not None
     if not isinstance(ensembles, Mapping) or hasattr(ensembles, "data_vars") or len(ensembles) != 2:
@@ -136,8 +136,8 @@ def _members(ensembles: Any) -> dict[str, Ensemble]:
 
 
 def _limits(values: np.ndarray, output: str, members: Mapping[str, Ensemble]) -> tuple[float, float]:
-    """Return the limits of the axis: 0 to the overturn ratio for rotations, otherwise the range of the finite
-    values with some padding."""
+    """Return the limits of the axis: from 0 to the overturn ratio for rotations, otherwise the range of the
+    finite values with some padding."""
     if output == "peak_rotation":
         return 0.0, max(float(y.data.attrs["overturn_ratio"]) for y in members.values())
     values = values[np.isfinite(values)]

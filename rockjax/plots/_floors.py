@@ -34,16 +34,18 @@ def floor_spectrum(
 ) -> Figure:
     """Plot floor response spectra, a panel for each level.
 
-    - `dataset`: from [`rockjax.floor_spectrum`][]. If it was computed with `fixed_base=True`, the spectra of
-      the ground and of the building fixed at its base are drawn as well
+    - `dataset`: dataset of [`rockjax.floor_spectrum`][]. If it was computed with `fixed_base=True`, the
+      spectra of the ground and of the building fixed at its base are drawn as well
     - `quantity`: `"pseudo_acceleration"`, `"absolute_acceleration"` or `"relative_displacement"`
     - `damping`: ζ of the oscillators, by default the first of the dataset
 
-    With several motions, curves are medians over the motions. For the podium there is also a thin line for
-    each motion; its thin lines and its median leave out motions that overturn it, and scenes that did not
-    finish. In spectra of accelerations, a level without velocity jumps has a mark on the left axis at its
-    peak acceleration (with several motions, at the median of the peaks). Raises `ValueError` for another
-    quantity or damping.
+    With several motions, curves are medians over the motions, and the spectrum of the podium under each
+    motion is a thin line. Motions that overturn the podium, and scenes that did not finish, are left out of
+    the spectra of the podium.
+
+    In spectra of accelerations, a level without velocity jumps has a mark on the left axis at its peak
+    acceleration; with several motions, at the median of the peaks. Raises `ValueError` for another quantity
+    or damping.
     """
     if quantity not in LABELS:
         raise ValueError(f"plots.floor_spectrum: quantity must be one of {tuple(LABELS)}, got {quantity!r}")
@@ -87,9 +89,11 @@ def floor_spectrum(
 def _draw(ax: Axes, data: xarray.Dataset, name: str, prefix: str, level: Any, unit: float) -> None:
     """Draw the spectra of ground, fixed base or podium at a level, if the dataset has them.
 
-    - `ax`: axes to draw into; `data`: dataset with a single damping ratio
-    - `name`: name of the variable; `prefix`: prefix of this name, a key of `CURVES`
-    - `level`: the level; `unit`: unit of the axis, in SI
+    - `ax`: axes to draw into
+    - `data`: dataset with a single damping ratio
+    - `name`, `prefix`: name of the variable, and the prefix of this name, a key of `CURVES`
+    - `level`: the level
+    - `unit`: unit of the axis, in SI
     """
     if name not in data or (prefix == "fixed_base_" and level == "deck"):
         return

@@ -34,11 +34,11 @@ def _with_unit(name: str, unit: str) -> str:
 
 @on_axes
 def incremental_dynamic_analysis(dataset: xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Plot intensity against peak rotation, one curve for each record, with points at levels that the
-    record survives.
+    """Plot intensity against peak rotation, one curve for each record, with points at the levels of intensity
+    that the columns survive.
 
-    At the right edge, which is the limit state, crosses mark the least overturning intensities, and dashes
-    mark the boundaries of the survival windows above these intensities. `dataset` is from
+    The right edge is the limit state. There, crosses mark the least overturning intensities, and dashes mark
+    the boundaries of the survival windows above these intensities. `dataset` is from
     [`rockjax.incremental_dynamic_analysis`][].
     """
     assert ax is not None
@@ -91,16 +91,17 @@ def incremental_dynamic_analysis(dataset: xarray.Dataset, ax: Axes | None = None
 def fragility(
     dataset: xarray.Dataset, ax: Axes | None = None, label: str | None = None, colour: str = COLOURS[2]
 ) -> Axes:
-    """Plot the probability of overturning against intensity, with the confidence band if the dataset has one,
-    and observed fractions.
+    """Plot the probability of overturning against intensity, with the confidence band (if the dataset has
+    one) and with observed fractions.
 
     - `dataset`: dataset of [`rockjax.fragility`][]
-    - `ax`: axes to draw into; several curves may share them
-    - `label`: name of the curve in the legend; `colour`: colour of the curve
+    - `ax`: axes to draw into; several curves may share the same axes
+    - `label`: name of the curve in the legend
+    - `colour`: colour of the curve
 
-    Crosses mark the least overturning intensities of the records, circles the fractions of records that
-    overturn at each level. If the curve has a limit state in addition to overturning, records beyond this
-    limit count as overturned.
+    Crosses mark the least overturning intensity of each record. Circles mark the fraction of records that
+    overturn the columns at each level of intensity. If the curve has a limit state in addition to
+    overturning, records beyond this limit count as overturning.
     """
     assert ax is not None
     x = dataset["at"].values
@@ -141,11 +142,11 @@ def fragility(
 
 @styled
 def contents_fragility(dataset: xarray.Dataset) -> Figure:
-    """Plot the fragility curves of blocks on floors, a panel for each block, with bands and observed
-    fractions.
+    """Plot the fragility curves of blocks on floors, with confidence bands and observed fractions; a panel
+    for each block.
 
-    `dataset` is from [`rockjax.contents_fragility`][]. Damage states without a curve show only the observed
-    fractions.
+    `dataset` is from [`rockjax.contents_fragility`][]. For damage states without a curve, only the observed
+    fractions are drawn.
     """
     names = dataset["contents"].values
     rows = -(-names.size // MAX_COLUMNS)
@@ -185,10 +186,11 @@ def _state_label(state: float) -> str:
 def _describe_fractions(capacity: np.ndarray, records: int, levels: np.ndarray, observed: np.ndarray) -> str:
     """Return the legend entry of the fractions of records that overturn at the levels of intensity.
 
-    If a fraction is lower than the fraction of records whose least overturning intensity is at most the
-    level, the entry gives the reason.
+    At some levels, the fraction may be lower than the fraction of records whose least overturning intensity
+    is at most the level. Then the entry gives the reason.
 
-    - `capacity`: least overturning intensities, ascending; `records`: number of records
+    - `capacity`: least overturning intensities, ascending
+    - `records`: number of records
     - `levels`, `observed`: levels of intensity, and the fractions of records that overturn at these levels
     """
     fractions = np.searchsorted(capacity, levels, side="right") / records
@@ -200,7 +202,8 @@ def _describe_fractions(capacity: np.ndarray, records: int, levels: np.ndarray, 
 
 
 def _legend(ax: Axes) -> None:
-    """Draw a legend: each curve with its band, then the marks of all curves, without colours."""
+    """Draw a legend: first each curve with its band, then the marks, which are the same for all curves and
+    therefore grey."""
     entries: list[tuple[Any, str]] = []
     marks: dict[Any, str] = {}
     for handle, text in zip(*ax.get_legend_handles_labels(), strict=True):

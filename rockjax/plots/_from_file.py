@@ -1,4 +1,5 @@
-"""Pictures of datasets that rockjax wrote to files, by kind of dataset, for `rockjax plot`."""
+"""Pictures of datasets from files that rockjax wrote, for `rockjax plot`. Each kind of dataset has its
+pictures."""
 
 from __future__ import annotations
 
@@ -38,8 +39,8 @@ class Picture:
 
 
 def _with_panel_dims(draw: Callable[[xarray.Dataset], Figure]) -> Callable[[xarray.Dataset], Figure]:
-    """Return a function like `draw` that also accepts the spectrum of a single podium, which lacks the dims
-    `eta_over_gamma` and `T_s`, and draws it as one panel."""
+    """Return a function like `draw` that also accepts the spectrum of a single podium and draws it as one
+    panel. Such a spectrum lacks the dims `eta_over_gamma` and `T_s`."""
 
     def figure(data: xarray.Dataset) -> Figure:
         if "eta_over_gamma" not in data.dims:
@@ -100,8 +101,8 @@ PICTURES: dict[str, dict[str, Picture]] = {
 
 
 def load(path: str | Path) -> xarray.Dataset:
-    """Return the dataset in a file that rockjax wrote. Raises `ValueError` with the cause for other files,
-    and for files of interrupted runs."""
+    """Return the dataset in a file that rockjax wrote. Raises `ValueError`, which names the cause, for other
+    files and for files of interrupted runs."""
     import xarray
 
     if not Path(path).is_file():
@@ -137,12 +138,12 @@ def _groups(path: str | Path) -> dict[str, xarray.Dataset]:
 def redraw(
     path: str | Path, prefix: str | Path | None = None, names: Sequence[str] = (), suffix: str = ".png"
 ) -> list[Path]:
-    """Write the pictures of a dataset to files PREFIX-NAME.png, or with another suffix; animations to .gif.
+    """Write the pictures of a dataset to files PREFIX-NAME.png. Animations have the suffix .gif.
 
     - `path`: file that rockjax wrote
     - `prefix`: PREFIX, by default the path without its suffix
-    - `names`: names of the pictures, by default all whose field `default` is True
-    - `suffix`: suffix of the pictures except animations, such as ".png"
+    - `names`: names of the pictures (NAME); by default all pictures whose field `default` is True
+    - `suffix`: suffix that replaces ".png"; it does not apply to animations
 
     Returns the written paths. Raises `ValueError` for files that rockjax did not write, and for names of
     pictures that the file does not have.

@@ -134,8 +134,9 @@ def _draw_contact_modes(t: np.ndarray, mode: np.ndarray, ax: Axes) -> None:
 
 @on_axes
 def deformation_history(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Plot the deformation u_t − u_b of the superstructure or of each of its modes over time, or for a
-    building the drift of each story [mm]. Without an elastic superstructure the deformation is 0."""
+    """Plot the deformation u_t − u_b of the superstructure over time [mm]; for a superstructure with several
+    modes, the deformation of each mode; for a building, the drift of each story. Without an elastic
+    superstructure the deformation is 0."""
     assert ax is not None
     data = as_history(response)
     name = "drift" if "drift" in data else "deformation"
@@ -166,10 +167,13 @@ def ground_motion(response: Response | xarray.Dataset, ax: Axes | None = None) -
 def _draw_lines(data: xarray.Dataset, values: np.ndarray, title: str, label: str, ax: Axes) -> None:
     """Draw one line for each mode or story.
 
-    - `data`: history; `values`: values to draw, (times, modes or stories)
-    - `title`: title of the legend; `label`: label of the vertical axis
+    - `data`: history
+    - `values`: values to draw, shape (times, modes or stories)
+    - `title`: title of the legend
+    - `label`: label of the vertical axis
+    - `ax`: axes to draw into
 
-    The colours of more than six lines range from dark for the first to light for the last.
+    With more than `MAX_COLOURS` lines, the colours range from dark for the first line to light for the last.
     """
     ax.axhline(0, color="0.7", lw=0.6, zorder=0)
     count = values.shape[1]
@@ -204,10 +208,11 @@ def _draw_line(data: xarray.Dataset, values: np.ndarray, label: str, colour: str
 def phase_portrait(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Plot θ̇/(pα) against θ/α: the motion with its jumps at impacts, saddle points and separatrices.
 
-    At the saddle points θ = ±α (±θ_s with tendons), columns are in unstable equilibrium, Eq. (24). The
-    separatrices pass through the saddle points. They assume a rigid superstructure and no ground motion,
-    impacts or dampers. Without tendons and inerters their equation is ½(1+λ+4γ+4η)R²θ̇² = P(α) − P(θ), with
-    the potential energy P per mass N m_c of the columns, from Eqs. (18), (19).
+    At the saddle points θ = ±α, the columns are in unstable equilibrium, Eq. (24). With tendons the saddle
+    points are ±θ_s, with the stability angle θ_s (see docs/control.md). The separatrices pass through the
+    saddle points. They are the motions with a rigid superstructure and without ground motion, impacts and
+    dampers. Without tendons and inerters their equation is ½(1+λ+4γ+4η)R²θ̇² = P(α) − P(θ), from Eqs. (18)
+    and (19). P is the potential energy divided by the mass N m_c of all columns.
     """
     assert ax is not None
     data = as_history(response)
@@ -257,7 +262,7 @@ def phase_portrait(response: Response | xarray.Dataset, ax: Axes | None = None) 
 
 def separatrix(data: xarray.Dataset, theta: np.ndarray) -> np.ndarray:
     """Return |θ̇| [rad/s] on the separatrices of the rigid, undamped frame, also at rotations beyond the
-    saddle points; 0 where the potential energy exceeds that of the saddle points.
+    saddle points. Return 0 where the potential energy exceeds its value at the saddle points.
 
     - `data`: dataset of a response
     - `theta`: rotations θ, shape (n,) [rad]
@@ -273,8 +278,8 @@ def separatrix(data: xarray.Dataset, theta: np.ndarray) -> np.ndarray:
 
 
 def saddle_rotation(podium: Podium) -> float:
-    """Return |θ| at the saddle points [rad]: `Podium.stability_angle`, which is α without tendons, but at
-    most π/2. The stability angle is inf if tendons restore the columns at every rotation."""
+    """Return |θ| at the saddle points [rad]: `Podium.stability_angle`, but at most π/2. The stability angle
+    is α without tendons, and inf if tendons restore the columns at every rotation."""
     return min(float(podium.stability_angle), 0.5 * np.pi)
 
 
@@ -283,9 +288,11 @@ def moment_rotation(response: Response | xarray.Dataset, ax: Axes | None = None)
     """Plot the restoring moment (`Response.restoring_moment`), divided by its value at uplift, against θ/α.
 
     In full contact (θ = 0) the ratio is −q/q_up ∈ [−1, 1], with the demand q and its threshold q_up, Eq. (9).
-    While rocking, the ratio is the sum of three moments about the edges: those of the weights, of the
-    vertical inertia, Eq. (15), and of restrainers. With ψ = α − θ for θ > 0, the moment of the weights is
-    sin ψ/sin α: 1 at θ = 0, and 0 at θ = α. The thick line is the static moment of weights and tendons.
+    While rocking, the restoring moment is the sum of three moments about the edges: the moments of the
+    weights, of the vertical inertia forces with the acceleration of Eq. (15), and of tendons, dampers and
+    inerters, (C22). Divided by the restoring moment at uplift, the moment of the weights is sin ψ/sin α with
+    ψ = α − θ for θ > 0: 1 at θ = 0, and 0 at θ = α. The thick line is the static moment of weights and
+    tendons.
     """
     assert ax is not None
     data = as_history(response)
@@ -319,11 +326,11 @@ def moment_rotation(response: Response | xarray.Dataset, ax: Axes | None = None)
 def energy_balance(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Plot the energies of `Response.energies` over time.
 
-    The energies are divided by P(α), the potential energy of the weights at θ = α, which is the energy needed
-    to overturn the columns from rest without tendons.
+    The energies are divided by P(α), the potential energy of the weights at θ = α. Without tendons, this
+    energy is needed to overturn the columns from rest.
 
     The work of the ground equals the change of the mechanical energy plus the energy lost at impacts and in
-    dampers, plus a residual that measures the error of the history.
+    dampers, plus a residual. The residual measures the error of the history.
     """
     assert ax is not None
     data = as_history(response)

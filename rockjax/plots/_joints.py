@@ -1,4 +1,5 @@
-"""Plots of the forces in the joints, for one scene over time, and for the pulses of a spectrum.
+"""Plots of the forces in the joints: over time for one scene, and against frequency and amplitude for the
+pulses of a spectrum.
 
 The plots show whether joints stay closed and do not slide, as the model assumes.
 """
@@ -26,13 +27,13 @@ if TYPE_CHECKING:
 OPEN_COLOUR = "#F7D9CC"  # background of times at which a joint would be open, N < 0
 LEVELS = (-1.0, -0.8, -0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6, 0.8, 1.0)  # N divided by the dead load
 _LINES = {"bottom": "-", "top": "--"}  # joint → line style
-# If a joint opens, demands above this multiple of max(tan α, μ) do not extend the friction axis.
+# If a joint opens, the axis of friction ends at this multiple of max(tan α, μ) at the latest.
 _MAX_AXIS = 4.0
 
 
 def _history_with_joints(response: Response | xarray.Dataset) -> xarray.Dataset:
-    """Return the dataset of a response, including the forces in the joints. Joints without dead load, such as
-    the top joint of a solitary block, are left out. Raises `ValueError` for a dataset without forces in the
+    """Return the dataset of a response, with the forces in the joints. Joints without dead load, such as the
+    top joint of a solitary block, are left out. Raises `ValueError` for a dataset without forces in the
     joints."""
     data = as_history(response)
     if "joint_axial_force" not in data:
@@ -48,12 +49,12 @@ def _history_with_joints(response: Response | xarray.Dataset) -> xarray.Dataset:
 
 @on_axes
 def joint_forces(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
-    """Plot the axial forces N/(m_c g) of both end columns over time, and the dead load: the axial force at
-    rest, averaged over the columns. m_c is the mass of a column.
+    """Plot the axial forces N/(m_c g) of both end columns over time, with the mass m_c of a column. Lines
+    mark the dead load: the axial force at rest, averaged over the columns.
 
-    The forces of other columns lie between those of the end columns. For a podium without an elevation, only
-    the forces averaged over the columns (the “mean column”) are known and drawn. Times at which a joint would
-    be open, N < 0, are shaded; the model does not hold after the first such time.
+    The forces of the other columns lie between the forces of the end columns. For a podium without an
+    elevation, only the forces averaged over the columns (the “mean column”) are known and drawn. Times at
+    which a joint would be open, N < 0, are shaded. The model does not hold after the first such time.
 
     - `response`: a [`rockjax.Response`][], or its dataset if an output of the joints was requested
     - `ax`: axes to draw into
@@ -84,7 +85,7 @@ def joint_forces(response: Response | xarray.Dataset, ax: Axes | None = None) ->
 
 
 def _end_columns(data: xarray.Dataset) -> dict[str, int]:
-    """Return the indices of the outermost columns by name; without an elevation, that of the mean column."""
+    """Return the indices of the end columns by name; without an elevation, the index of the mean column."""
     elevation = podium_of(data.attrs).elevation
     if elevation is None:
         return {"mean column": 0}
@@ -123,10 +124,10 @@ def friction_demand(
     response: Response | xarray.Dataset, ax: Axes | None = None, friction: float | None = None
 ) -> Axes:
     """Plot the friction demand |T|/N of the worst column over time at both joints, and |J_T|/J_N at impacts.
-    T and N are the shear and the axial force of a joint, J_T and J_N their impulses at an impact.
+    T and N are the shear and the axial force of a joint; J_T and J_N are their impulses at an impact.
 
-    A dotted line marks tan α, which the demand of heavy frames rarely exceeds. Times at which a joint would
-    be open are shaded; near these times the demand grows without bound and leaves the axes.
+    A dotted line marks tan α. The demand of frames with a heavy beam rarely exceeds tan α. Times at which
+    a joint would be open are shaded. Near these times the demand grows without bound and leaves the axes.
 
     - `response`: a [`rockjax.Response`][], or its dataset if an output of the joints was requested
     - `ax`: axes to draw into
@@ -176,8 +177,9 @@ def friction_demand(
 def lift_off_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, levels=LEVELS) -> Axes:
     """Plot the least axial force of both joints divided by the dead load, against ω_p/p and a_p/(g tan α).
 
-    Beyond the black line, at 0, the beam would lift off a column, or a column off the ground, and the model
-    does not hold. Overturned cells are grey.
+    At the black line the least axial force is 0. Beyond this line the beam would lift off a column, or
+    a column would lift off the ground, and the model does not hold. Cells of pulses that overturn the columns
+    are grey.
 
     - `dataset`: rocking spectrum of one podium with the output `"axial_force"`
     - `ax`: axes to draw into

@@ -35,7 +35,8 @@ def grid_of_panels(
     """Make a figure of panels of equal size below a title that describes structure and pulse.
 
     - `rows`, `columns`: numbers of panels
-    - `width`, `height`: size of each panel [inches]; `left`, `right`: margins of the figure [inches]
+    - `width`, `height`: size of each panel [inches]
+    - `left`, `right`: margins of the figure [inches]
     - `panels`: dataset with the attributes for the description
     - `title`: text before the description
     - `sharey`: as in `Figure.subplots`
@@ -70,8 +71,8 @@ def legend_beside(figure: Figure, axes: np.ndarray, distance: float) -> None:
             label: handle for label, handle in zip(labels, handles, strict=True) if label not in entries
         }
     x = axes[0, -1].get_position().x1 + distance / figure.get_figwidth()
-    # Curves precede the other entries, which _boundaries.py adds for jumps and ends of curves and for windows
-    # of survival. The labels of these entries begin with the following words.
+    # Curves come first. `_boundaries.py` also adds entries for jumps of curves, for ends of curves, and for
+    # windows of survival. The labels of these entries begin with the words below.
     ordered = sorted(entries, key=lambda label: label.split()[0] in ("jump", "ends:", "windows"))
     figure.legend([entries[label] for label in ordered], ordered, loc="center left", bbox_to_anchor=(x, 0.5))
 
@@ -90,15 +91,15 @@ def panels_title(panels: xarray.Dataset) -> str:
 
 
 def _describe_devices(attributes: Mapping[str, Any]) -> str:
-    """Return a line that lists tendons, dampers and inerters with their parameters, after a line break; empty
-    without such devices."""
+    """Return a line break and a line that lists tendons, dampers and inerters with their parameters; an empty
+    string without such devices."""
     descriptions = []
     for device in json.loads(attributes.get("restrainers", "[]")):
         from rockjax._parameters.variants import find_parameter  # imports JAX, which other plots do not need
 
         device_class = device["kind"]
         entries = {field: find_parameter(f"restrainers.{device_class}.{field}") for field in device}
-        # Parameters of value 0 are omitted, as is the exponent 1 of a linear damper.
+        # Parameters of value 0 are omitted, and so is the exponent 1 of a linear damper.
         parameters = [
             rf"${symbol_for(entry.name)} = {device[field]:.3g}$"
             for field, entry in entries.items()
@@ -119,8 +120,8 @@ def mass_label(panels: xarray.Dataset, ratio: float) -> str:
 
 
 def period_label(panels: xarray.Dataset, ratio: float, T_s: float) -> str:
-    """Return the label of a superstructure with mass ratio η/γ = `ratio` and period `T_s` [s]: the period, or
-    that it is rigid or absent."""
+    """Return the label of a superstructure with the mass ratio η/γ = `ratio` and the period `T_s` [s]. The
+    label is the period, or states that the superstructure is rigid or absent."""
     if T_s > 0:
         return rf"$T_s = {T_s:g}$ s"
     return r"rigid, $T_s = 0$" if ratio else mass_label(panels, ratio)

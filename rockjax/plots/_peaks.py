@@ -30,9 +30,9 @@ def peaks(dataset: xarray.Dataset, outputs: Sequence[str] | None = None) -> Figu
     - `outputs`: names of outputs such as `"peak_rotation"`; by default all peaks of the dataset
 
     Each panel shows the worst story or joint. For motions that overturn the columns, an open mark shows the
-    peak until overturning. The dashed line is the median of the other motions, if this median is finite. An
-    arrow at the right edge marks a value that is not finite, such as an infinite friction demand, which means
-    that a joint opens.
+    peak until overturning. The dashed line is the median over the motions that do not overturn them, if this
+    median is finite. An arrow at the right edge marks a value that is not finite. For example, the friction
+    demand is infinite if a joint opens.
 
     Raises `ValueError` for outputs that the dataset does not have.
     """

@@ -17,8 +17,9 @@ MAX_COLOURS = 6  # with more records, all curves are grey and the medians are dr
 
 @styled
 def record_spectrum(dataset: xarray.Dataset) -> Figure:
-    """Plot the PGA of each record divided by its least overturning PGA (`demand`), and the largest
-    displacement of the top of the columns, against the frequency parameter p.
+    """Plot two quantities against the frequency parameter p, with a curve for each record: the PGA of the
+    record divided by its least overturning PGA (`demand`), and the largest displacement of the top of the
+    columns.
 
     `dataset` is from [`rockjax.record_spectrum`][]. With more than six records, the curves are grey and
     medians are added. In the medians, a demand of NaN counts as 0, and the displacement of a structure that

@@ -20,8 +20,9 @@ if TYPE_CHECKING:
 
 @styled
 def response(response: Response | xarray.Dataset, figure: Figure | None = None, points: int = 4000) -> Figure:
-    """Plot a history: rotation, deformation of an elastic superstructure, forces and friction demand of the
-    joints (if an output of the joints was requested), and ground acceleration.
+    """Plot a history, a panel each for the rotation, the deformation of an elastic superstructure, the axial
+    forces and the friction demand of the joints (if outputs of the joints were requested), and the ground
+    acceleration.
 
     - `response`: a [`rockjax.Response`][] or its dataset
     - `figure`: figure to draw into, by default a new one

@@ -27,7 +27,8 @@ def risk(dataset: xarray.Dataset) -> Figure:
     `dataset` is from [`rockjax.disaggregation`][].
     """
     x, density = dataset["intensity"].values, dataset["density"].values
-    # Intensities below `low` contribute a thousandth of the failure rate; so do intensities above `high`.
+    # All intensities below `low` together contribute a thousandth of the failure rate, and so do all
+    # intensities above `high`.
     integral = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(np.log(x)))])
     low, high = np.interp([1e-3, 1 - 1e-3], integral / integral[-1], x)
     figure = plt.figure(figsize=(5.6, 6.4), layout="constrained")
@@ -61,7 +62,8 @@ def risk(dataset: xarray.Dataset) -> Figure:
 def design_point(point: DesignPoint, podium: Podium) -> Figure:
     """Plot the response of a podium to the motion of a design point, which lies on the limit state.
 
-    - `point`: one of [`rockjax.design_points`][] of the podium; `podium`: the podium
+    - `point`: one of the design points of the podium from [`rockjax.design_points`][]
+    - `podium`: the podium
     """
     figure = response(simulate(podium, point.record))
     impacts = "1 impact" if point.mode == 1 else f"{point.mode} impacts"

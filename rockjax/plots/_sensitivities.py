@@ -28,7 +28,8 @@ COLOUR_MAP = "RdBu_r"
 def sensitivity_spectrum(
     dataset: xarray.Dataset, ax: Axes | None = None, parameter: str | None = None, levels=LEVELS
 ) -> Axes:
-    """Plot ∂(max|θ|/α)/∂ ln y against ω_p/p and a_p/(g tan α); red where a larger y increases the rotation.
+    """Plot ∂(max|θ|/α)/∂ ln y, with a parameter y, against ω_p/p and a_p/(g tan α). Cells are red where
+    a larger y increases the rotation.
 
     - `dataset`: rocking spectrum with sensitivities
     - `ax`: axes to draw into

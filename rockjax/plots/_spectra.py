@@ -39,8 +39,8 @@ def rocking_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, levels=Non
 
 
 def plane_of(owner: str, dataset: xarray.Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """Return the values of ω_p/p and of a_p/(g tan α), for contours. Raises `ValueError` if one of both axes
-    has a single value; `owner`: name of the plot."""
+    """Return the values of ω_p/p and of a_p/(g tan α), for contours. `owner` is the name of the plot. Raises
+    `ValueError` if there is only a single frequency or acceleration."""
     x, y = dataset["frequency_ratio"].values, dataset["acceleration_ratio"].values
     if min(x.size, y.size) < 2:
         raise ValueError(
@@ -53,8 +53,9 @@ def plane_of(owner: str, dataset: xarray.Dataset) -> tuple[np.ndarray, np.ndarra
 def rotation_bar(axes: Axes | np.ndarray, cax: Axes | None = None, **bar) -> Colorbar:
     """Draw the colour bar of one or several rocking spectra.
 
-    - `axes`: axes of the spectra, beside which the bar is drawn
-    - `cax`: axes to draw the bar into instead; `bar`: arguments of `Figure.colorbar`
+    - `axes`: axes of the spectra; the bar is drawn beside them
+    - `cax`: axes to draw the bar into; None to draw it beside `axes`
+    - `bar`: arguments of `Figure.colorbar`
 
     Raises `ValueError` if the first axes have no spectrum.
     """
@@ -78,7 +79,8 @@ def dimensional_axes(
 
     - `dataset`: spectrum with the attributes of its podium
     - `ax`: axes of the spectrum, with their limits set
-    - `period`, `acceleration`: whether to add the axis at the top, at the right
+    - `period`: whether to add the axis at the top
+    - `acceleration`: whether to add the axis at the right
     """
     p = dataset.attrs["p_rad_s"]
     tan_alpha = math.tan(dataset.attrs["alpha_rad"])
@@ -139,7 +141,7 @@ def label_panel(
 ) -> None:
     """Add secondary axes, title and labels to the panel in row i and column j.
 
-    - `panels`: spectrum of all panels; `panel`: spectrum of this panel
+    - `panels`, `panel`: spectrum of all panels, and spectrum of this panel
     - `axes`: axes of all panels, with limits set
     - `i`, `j`: row and column
     - `prefix`: start of the title

@@ -35,10 +35,10 @@ def stories(
     - `response`: a [`rockjax.Response`][] or its dataset
     - `figure`: figure to draw into, by default a new one
     - `label`: name of the response in the legend
-    - `beside`: label → further response of the same building
+    - `beside`: dict label → further response of the same building
 
-    Drifts are divided by the heights of the stories if the building has heights. Labels of responses that
-    overturned end with "until overturning". Raises `ValueError` for a response without stories.
+    Drifts are divided by the heights of the stories if the building has heights. The label of a response that
+    overturns ends with "until overturning". Raises `ValueError` for a response without stories.
     """
     figure = figure or plt.figure(figsize=(8, 4), layout="constrained")
     drift_axes, acceleration_axes = axes = figure.subplots(1, 2, sharey=True)
@@ -63,7 +63,8 @@ def _draw_over_height(
     """Draw the largest drifts and floor accelerations of one response.
 
     - `data`: history of the response
-    - `label`, `style`: name in the legend, or None, and arguments of the plot functions
+    - `label`: name in the legend, or None
+    - `style`: arguments of the plot functions
     - `drift_axes`, `acceleration_axes`: axes to draw into
     """
     if bool(data["overturned"]):

@@ -62,16 +62,17 @@ STYLE: dict[str, Any] = {
 def in_style():
     """Return a context manager that applies `STYLE`.
 
-    The backend is loaded first, because loading it may switch on the interactive mode, in which notebooks
-    show figures. If it were loaded inside the context, the end of the context would switch this mode off.
+    The backend of Matplotlib is loaded first. Loading it may switch on the interactive mode, in which
+    notebooks show figures. If the backend were loaded inside the context, the end of the context would switch
+    this mode off again.
     """
     plt.draw_if_interactive()
     return plt.style.context(STYLE)
 
 
 def styled(draw: Callable[P, T]) -> Callable[P, T]:
-    """Decorate a function that makes a figure, so that it draws in `STYLE`; the user's settings are
-    unchanged."""
+    """Decorate a function that makes a figure, so that the figure has the style `STYLE` and the user's
+    settings are unchanged."""
 
     @functools.wraps(draw)
     def wrapper(*args: P.args, **kwargs: P.kwargs) -> T:
@@ -82,7 +83,8 @@ def styled(draw: Callable[P, T]) -> Callable[P, T]:
 
 
 def on_axes(draw: Callable[P, Axes]) -> Callable[P, Axes]:
-    """Decorate a function (data, ax=None, …), so that it makes axes in `STYLE` if `ax` is None."""
+    """Decorate a function (data, ax=None, …), so that it makes new axes with the style `STYLE` if `ax` is
+    None."""
 
     @functools.wraps(draw)
     def wrapper(*args: P.args, **kwargs: P.kwargs) -> Axes:
