@@ -41,7 +41,7 @@ from .executors import AbstractExecutor, executor_for
 from .on_floors import answers_on_floors
 from .scenes import NO_SCENES, SceneBatch, SceneIndices, broadcast
 
-# Number of lanes per core. So many lanes fill the vector unit, and their data fit into the first-level cache.
+# Number of lanes per core. These lanes fill the vector unit, and their data fit into the first-level cache.
 LANES = 32
 CHUNK = 1024  # number of scenes in a chunk
 # Number of scenes per lane for which a thread is started, if scenes are quick (see `SceneBatch.is_quick`).
