@@ -179,7 +179,7 @@ class AbstractMethod(abc.ABC):
     statistic: ClassVar[Literal["max", "mean"]] = "max"
     conservative: ClassVar[Literal["yes", "no", "depends"]]
     reliability: ClassVar[str]
-    missing: ClassVar[tuple[str, ...]] = ()  # what the method never computes, and why
+    missing: ClassVar[tuple[str, ...]] = ()  # parts that are never computed, with the reasons
 
     @abc.abstractmethod
     def outcome(self, case: Case) -> Outcome:

@@ -40,9 +40,9 @@ class AnnualFrequency:
     - `extrapolated`: share of `frequency` that comes from intensities outside the points of the hazard curve
       [–]. For an incremental dynamic analysis, intensities above its highest level count as well
     - `sensitivities`: derivatives of ln λ_f by name. `"median"` is d ln λ_f/d ln m with the median m of the
-      fragility. `"dispersion"` is d ln λ_f/dβ with its dispersion β. Further keys are the parameters y of the
-      structure whose sensitivities the fragility contains, with d ln λ_f/d ln y. Empty for an incremental
-      dynamic analysis
+      fragility, and `"dispersion"` is d ln λ_f/dβ with the dispersion β of the fragility. Further keys are
+      the parameters y of the structure whose sensitivities the fragility contains; their values are
+      d ln λ_f/d ln y. Empty for an incremental dynamic analysis
     """
 
     frequency: Float[Array, ""]

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     import xarray
 
 Number = Float[Array, ""]
-MAX_SQUARINGS = 48  # most squarings for a matrix exponential; enough for matrices with a norm up to 1e14
+MAX_SQUARINGS = 48  # largest number of squarings in a matrix exponential; enough for a norm up to 1e14
 
 
 class Envelope(Module):
@@ -123,8 +123,9 @@ def _as_tuple(filters: Any) -> tuple:
 class GaussianMotion(Module):
     """Random ground motions: white noise in the filters of Kanai–Tajimi and Clough–Penzien, and a pulse.
 
-    A vector u of independent standard normal numbers determines the motion. Without a pulse the motion is
-    ü_g = A u, where the matrix A depends only on the parameters. The pulse is optional and is added to A u.
+    A vector u of independent standard normal numbers determines the motion. Without a pulse the ground
+    acceleration is ü_g = A u, where the matrix A depends only on the parameters. The pulse is optional and is
+    added to A u.
 
     - `n`: number of samples, ≥ 2; `dt`: sampling interval, > 0 [s]
     - `S_0`: two-sided spectral density of the white noise, > 0 [m²/s³]

@@ -62,7 +62,7 @@ class Hazard(Module):
             )
 
     def __call__(self, x: Float[Array, "*m"]) -> Float[Array, "*m"]:
-        """Return λ(x) [1/year] at intensities x > 0."""
+        """Return λ(x) [1/year] at intensities x > 0 [`units`]."""
         return jnp.exp(log_rate_at(*self.logarithms, jnp.log(jnp.asarray(x, float))))
 
     @property
@@ -110,8 +110,8 @@ class Hazard(Module):
         - `path`: a hazard-curve CSV of OpenQuake (`lon,lat,depth,poe-0.1,…`); or a CSV with two columns. One
           column has the intensities, and its heading gives measure and unit (`PGA [g]`, `Sa(1 s), %g`). The
           other column states how often each intensity is exceeded. Its heading is `annual_rate`,
-          `return period [years]`, or a probability of exceedance with its investigation time, such as `PoE in
-          50 years` or `annual probability of exceedance`. A probability p in t years becomes the rate
+          `return period [years]`, or a probability of exceedance with its investigation time, such as
+          `PoE in 50 years` or `annual probability of exceedance`. A probability p in t years becomes the rate
           −ln(1 − p)/t; points with p = 0 or 1 are left out
         - `site`: index of the curve in an OpenQuake file with several sites, from 0; None for a file with one
           curve

@@ -42,10 +42,10 @@ MAX_SCENES = 10_000_000  # largest number of scenes of the sample from which ray
 TRIALS = 12  # largest number of trial factors on u; each trial is a subset simulation
 TRIAL_SAMPLES = 200  # number of samples of a level in a trial
 TRIAL_SHARE = 0.1  # share of these samples that passes to the next level
-UNREFINED = Division(rounds=0)  # crossings at the scanned positions
+UNREFINED = Division(rounds=0)  # crossings are not narrowed down
 REFINED = Division(
     rounds=4, parts=4, root_offset=0.01, min_share=0.03
-)  # accurate enough to start Newton steps
+)  # makes crossings accurate enough for the start of Newton's method
 SHARP = Division(rounds=3, parts=16)  # for crossings at which a Newton step fails and G may jump
 MAX_WEIGHT = 5.0  # largest weight of a ray, divided by the median weight
 JUMP_STEP = 1e-4  # G is taken to jump at a crossing if the last Newton step exceeds this share of r
@@ -90,7 +90,7 @@ class FactorSolution(NamedTuple):
     - `sensitivities`: d ln k/d ln y for the named parameters y, in the order of the names
     - `jumps`: share of the crossings at which G jumps, weighted by their contributions to dP/d ln k. The
       sensitivities leave these crossings out
-    - `effective`: effective number of rays, (Σ y)²/Σ y² for the contributions y of the rays to P
+    - `effective`: effective number of rays, (Σ x)²/Σ x² for the contributions x of the rays to P
     """
 
     factor: float
@@ -146,10 +146,7 @@ def sample_rays(limit: AbstractLimitState, probability: float, count: int, cov: 
 
 
 def _draw_failing(estimator: Subset, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Draw up to `count` different failing samples from all runs, and return them with weights.
-
-    The weights sum to the estimate of P.
-    """
+    """Draw up to `count` different failing samples from all runs, and return them with their shares of P."""
     total = sum(run.samples for run in estimator.runs)
     runs = [
         (np.unique(run.failing, axis=0), run.probability * run.samples / total)
@@ -349,7 +346,12 @@ def _scan_near(limit, rays: Rays, probability: float, guess: float) -> tuple[_Ra
 
 
 def probability_at(limit: AbstractLimitState, rays: Rays, factor: float) -> float:
-    """Return the probability of failure of a limit state whose motions are multiplied by a factor."""
+    """Return the probability of failure of a limit state whose motions are multiplied by a factor.
+
+    - `limit`: limit state
+    - `rays`: rays from `sample_rays`
+    - `factor`: factor k on u
+    """
     scan = _RayScan(limit, rays.directions, factor)
     scan.narrow(REFINED)
     return float(rays.weights @ scan.probabilities(factor))

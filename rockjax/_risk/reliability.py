@@ -96,7 +96,9 @@ def reliability(
     max_scenes: int = 1_000_000,
     progress: Any = False,
 ) -> FailureProbability:
-    """Return P(G(u) ≤ 0) for standard normal u.
+    """Return the probability of failure P(G(u) ≤ 0) for a vector u of independent standard normal numbers.
+
+    Design points are the local minima of |u| among failing points.
 
     - `G`: a differentiable JAX function of u, shape (dimension,), that returns a scalar; failure is G ≤ 0
     - `dimension`: length of u, ≥ 1

@@ -23,7 +23,7 @@ import numpy as np
 from .limit_state import AbstractLimitState
 
 MAX_BETA = 9.0  # largest distance of a design point from the origin; Φ(−9) is 1e-19
-# Rays in starting directions are at least this many times √d long; √d is the typical |u|.
+# Rays in starting directions are at least this many times √d long; √d is the typical |u| in d dimensions.
 START_FACTOR = 4.0
 RAY_POSITIONS = 24  # number of positions on a full ray
 # Number of positions on the ray of a candidate direction. The ray ends at the distance r at which the present
@@ -246,6 +246,7 @@ def _keep_distinct(e: np.ndarray, r: np.ndarray, normal: np.ndarray, aligned: np
 
 
 def merge_points(a: DesignPoints, b: DesignPoints) -> DesignPoints:
-    """Return the union of two sets of design points. Arguments and order are as for `_keep_distinct`."""
+    """Return the union of two sets of design points, nearest first, without points in nearly the same
+    direction."""
     u, normal, beta, aligned = (np.concatenate(pair) for pair in zip(a, b, strict=True))
     return _keep_distinct(_unit(u), beta, normal, aligned)

@@ -12,7 +12,7 @@ Box = tuple[slice, ...]  # the part of a grid that a chunk contains: a slice of 
 
 
 class ChunkLayout(NamedTuple):
-    """A grid of scenes divided into chunks, in C order.
+    """A grid of scenes divided into chunks, which are numbered in C order.
 
     - `shape`: number of scenes along each axis
     - `chunk_shape`: number of scenes of a chunk along each axis; the last chunk of an axis may be shorter

@@ -28,7 +28,7 @@ CHUNKS_PER_CORE = 8
 
 
 class Pilot(NamedTuple):
-    """A solved sample of the scenes of a sweep."""
+    """A solved sample of the scenes of a sweep, and its cost."""
 
     scenes: np.ndarray  # flat indices of the sampled scenes
     steps: np.ndarray  # number of trial steps (accepted and rejected) of each scene
@@ -38,7 +38,7 @@ class Pilot(NamedTuple):
     memory: int  # memory of the process that solved the sample, see `_resident_memory` [bytes]
 
     def chunk_size(self, scenes: int, cores: int, cores_of_chunk: int) -> int:
-        """Return the number of scenes for which the expected wall time of a chunk is in `CHUNK_SECONDS`.
+        """Return the number of scenes in a chunk whose expected wall time is in the range `CHUNK_SECONDS`.
 
         - `scenes`: number of scenes to solve
         - `cores`: number of cores or devices that solve the sweep
@@ -52,7 +52,7 @@ class Pilot(NamedTuple):
     def expected_steps(self, layout: ChunkLayout) -> np.ndarray:
         """Return the expected number of trial steps of every chunk, shape (chunks,).
 
-        The estimate for a chunk uses the sampled scenes in the chunk or, if it contains none, all sampled
+        The estimate for a chunk uses the sampled scenes in this chunk. If there are none, it uses all sampled
         scenes.
         """
         chunks = layout.chunk_of(self.scenes)
@@ -77,7 +77,7 @@ def pilot(spec: SweepSpec, threads: int | None, devices: Devices) -> Pilot:
     with precision(spec.is_float64):
         names = spec.sensitivities
         solve = lambda indices: solve_scenes(scene_arrays.at(indices), options, threads, devices, names)
-        solve(scenes[:: max(1, count // low)])  # compiles the programs, so that the measurement does not
+        solve(scenes[:: max(1, count // low)])  # compiles the programs, which is not measured
         start_time = time.perf_counter()
         peaks = solve(scenes)
         seconds = time.perf_counter() - start_time
@@ -85,7 +85,7 @@ def pilot(spec: SweepSpec, threads: int | None, devices: Devices) -> Pilot:
     results = data_variables(peaks, options.outputs, ())
     variables = {name: variable_for(values, attrs, dims) for name, (dims, values, attrs) in results.items()}
     arrays = {name: values.astype(variables[name].dtype) for name, (_, values, _) in results.items()}
-    # A core solves `LANES` scenes at a time, so a small sample occupies fewer cores than there are.
+    # A core solves `LANES` scenes at a time, so a small sample occupies only some of the cores.
     step_seconds = seconds / steps.sum() * min(count_cores(devices, threads), -(-count // LANES))
     return Pilot(scenes, steps, step_seconds, variables, compressed_size(arrays) / count, _resident_memory())
 

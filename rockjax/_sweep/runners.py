@@ -35,7 +35,7 @@ class LocalRunner:
         """Solve chunks one after the other.
 
         - `job`: data of the sweep
-        - `unsolved`: indices of the unsolved chunks, in the order of their solution
+        - `unsolved`: indices of the unsolved chunks, in the order in which they are solved
         - `bar`: progress bar to advance
 
         Returns the `KeyboardInterrupt` of Ctrl-C, or None. Raises `OSError` if a chunk cannot be written.

@@ -44,7 +44,7 @@ class SweepSpec(NamedTuple):
         return self.scene_arrays.size
 
     def identity(self, layout: ChunkLayout) -> dict[str, Any]:
-        """Return the identity of this sweep: JSON values that differ if the results may differ."""
+        """Return the identity of this sweep: JSON values, equal only for sweeps with equal results."""
         excluded = ("throw", "history", "_stride")  # options that do not change results
         fields = [field.name for field in dataclasses.fields(Options) if field.name not in excluded]
         values = {name: getattr(self.options, name) for name in fields}

@@ -1,7 +1,7 @@
 """Sweeps: any number of scenes, solved in chunks on one or several machines and saved in a zarr store.
 
 A scene is one structure under one ground motion. Each chunk is one batch. The store is a folder of compressed
-arrays in the format zarr. A Dask cluster distributes the chunks, and repeats chunks of workers that fail.
+arrays in zarr format. A Dask cluster distributes the chunks, and repeats the chunks of workers that fail.
 """
 
 from __future__ import annotations

@@ -100,8 +100,9 @@ class AbstractEstimator(abc.ABC):
 
         - `cov`: coefficient of variation to reach
         - `max_scenes`: number of scenes after which no further round begins
-        - `first`: approximate number of scenes of the first round; `Subset` ignores it. The size of later
-          rounds follows from the last estimate, but is at most three times the number of scenes so far
+        - `first`: approximate number of scenes of the first round. The first round of a `Subset` has a fixed
+          size instead. The size of later rounds follows from the last estimate, but is at most three times
+          the number of scenes so far
         - `report`: function that receives the estimate after each round
 
         Returns the last estimate.
@@ -119,7 +120,7 @@ class AbstractEstimator(abc.ABC):
 
 
 class AbstractMean(AbstractEstimator):
-    """Base class for estimators of P as the mean of independent contributions y ≥ 0."""
+    """Base class for estimators of P as the mean of independent contributions y ≥ 0, one for each sample."""
 
     def __init__(self, limit, points, rng):
         super().__init__(limit, points, rng)

@@ -1,11 +1,11 @@
 """Importance sampling from normal densities around the design points, weighted by likelihood ratios.
 
-The samples u have the density h(u) = Σ w_i φ(u − u_i) + w_0 φ(u), a mixture with the design points u_i at
-the distances β_i from the origin. φ is the standard normal density, and Φ below is the standard normal
-distribution function. Half of the sum of the w_i is divided among the design points in proportion to Φ(−β_i),
-and the other half equally. The weight of a sample is its likelihood ratio φ(u)/h(u). Because φ itself is part
-of the mixture, no weight exceeds 1/w_0. The weights depend only on the projections of u on the design points,
-so they do not degenerate in high dimensions.
+The samples u have the density h(u) = Σ w_i φ(u − u_i) + w_0 φ(u), a mixture of standard normal densities φ
+around the design points u_i and around the origin. Half of the sum of the w_i is divided among the design
+points in proportion to Φ(−β_i), with the distances β_i = |u_i| and the standard normal distribution function
+Φ. The other half is divided equally. The weight of a sample is its likelihood ratio φ(u)/h(u). Because φ
+itself is part of the mixture, no weight exceeds 1/w_0. The weights depend only on the projections of u on the
+design points, so they do not degenerate in high dimensions.
 
 If failure is unrelated to the design points, as often in rocking, the weights of failing samples have a heavy
 tail: a few samples dominate the sum. To detect this, a generalised Pareto distribution is fitted to the

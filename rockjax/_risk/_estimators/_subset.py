@@ -150,7 +150,7 @@ class Subset(AbstractEstimator):
         return len(self.runs) >= MIN_ROUNDS * RUNS and all(run.probability == 0 for run in self.runs)
 
     def estimate(self) -> ProbabilityEstimate:
-        # Runs with much fewer samples than the largest vary too much. They only helped to choose its size.
+        # Runs with far fewer samples than the largest vary too much. They only helped to choose its size.
         largest = max(run.samples for run in self.runs)
         runs = [run for run in self.runs if run.samples >= largest / 4]
         p = np.array([run.probability for run in runs])
