@@ -1,4 +1,4 @@
-"""Gradient-based design of rocking podiums: size them so that targets hold and an objective is minimal.
+"""Gradient-based design of rocking podiums: sizes for which targets hold and an objective is minimal.
 
 A scene is one structure under one ground motion. The overturning margin M of a scene, defined in
 docs/overturning.md, is positive if the columns survive and negative if they overturn. The faster the columns

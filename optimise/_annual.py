@@ -33,12 +33,13 @@ class AnnualFrequency(AbstractScaleTarget):
     overturn the columns.
 
     - `at_most`: largest permitted value of the mean annual frequency of overturning λ_f, > 0 [1/year]
-    - `hazard`: the [`rockjax.Hazard`][] of the site, for PGA, PGV or Sa at a period, in SI units
+    - `hazard`: the [`rockjax.Hazard`][] of the site in SI units, for the peak ground acceleration PGA, the
+      peak ground velocity PGV or the spectral acceleration Sa at a period
     - `suite`: two or more motions, such as records, or `optimise.FreshSamples` of records; intensities are
       measured on the horizontal component
     - `max_intensity`: largest searched intensity [unit of `hazard`]; None for the last point of the hazard.
       If a motion does not overturn the columns up to this intensity, its overturning intensity is only
-      known to be higher (censored)
+      known to be larger (censored)
     - `width`: in (0, 0.1) [–]; resolution of the search for overturning intensities in the verification. The
       search can miss a range of intensities at which a motion overturns the columns only if the range is
       narrower than `width` times `max_intensity`

@@ -1,6 +1,7 @@
 """The result of a design: the outcome of the search from each starting point (start), and the best design.
 
-A target holds where its margins are ≥ 0.
+A target holds where its margins are ≥ 0. Verified values are those of the verification, which
+`Design.satisfied` describes.
 """
 
 from __future__ import annotations
@@ -87,8 +88,9 @@ class Design(Module):
       independent sample
     - `standard_errors`: name of each target with fresh samples → standard errors of its margins in an
       independent sample [–]
-    - `overturned`: name of the target or objective → number of scenes in which the columns overturn. It lists
-      targets and objectives whose peaks cover only the time until overturning, if there are such scenes
+    - `overturned`: name of the target or objective → number of scenes in which the columns overturn, for
+      targets and objectives whose peaks cover only the time until overturning, if there are such scenes. A
+      scene is one structure under one ground motion
     """
 
     podium: rj.Podium
@@ -273,7 +275,7 @@ def build_design(
     lower_and_upper = np.asarray(variables.lower).tolist(), np.asarray(variables.upper).tolist()
     bounds = dict(zip(variables.names, zip(*lower_and_upper, strict=True), strict=True))
     minimised = "distance from the start" if objective is None else objective.describe()
-    # `original` has the user's numbers for unvaried parameters, and `variables.base` has arrays.
+    # `original` is used because `variables.base` has arrays in place of the user's numbers.
     structure = make_variables(original, bounds).structure(best_end.x)
     names = list(search.margin_counts)
     return Design(

@@ -50,8 +50,9 @@ def design_chart(
     A value is safe if the columns survive with this value and with all larger values up to the upper bound.
     The function cannot be called inside `jax.jit`.
 
-    - `podium`: a `rockjax.Podium` or an `optimise.Dimensions`; all other parameters keep their values
-    - `vary`: (name, (lowest, highest)) in the unit of the parameter, as in [`optimise.design`][]
+    - `podium`: a `rockjax.Podium` or an `optimise.Dimensions`
+    - `vary`: (name, (lowest, highest)) of the design variable, in the unit of the parameter, with names as in
+      [`optimise.design`][]. All other parameters of `podium` keep their values
     - `pulse`: a pulse class such as `rockjax.Ricker`
     - `a_p`: one or several amplitudes of the pulse, > 0 [m/s²]
     - `T_p`: periods of the pulse, shape (n,), > 0, ascending [s]
@@ -61,10 +62,10 @@ def design_chart(
     - `progress`: `True` for a progress bar, or any object with a method `update(n)`
 
     Returns a Dataset with the dimensions `a_p` and `T_p`. `smallest_safe_value` is NaN if the columns
-    overturn at the upper bound. `boundaries` holds the values of the variable at which survival changes to
-    overturning or back. It may lack two values that enclose a narrow range, if no simulated value lies in
-    this range. The values ascend along a further dimension `boundary`, padded with NaN. Raises `ValueError`
-    for invalid inputs, and `RuntimeError` if there is a period at which no simulation finishes.
+    overturn at the upper bound. `boundaries` contains the values of the variable at which survival changes to
+    overturning or back, ascending along a further dimension `boundary` and padded with NaN. Two changes are
+    missing if no simulated value lies between them. Raises `ValueError` for invalid inputs, and
+    `RuntimeError` if there is a period at which no simulation finishes.
     """
     import xarray
 
@@ -145,8 +146,8 @@ def plot_chart(chart: xarray.Dataset, ax: Axes | None = None) -> Axes:
     - `chart`: a Dataset of [`optimise.design_chart`][]; `ax`: axes to draw in, by default those of a new
       figure
 
-    Dots mark the other changes between survival and overturning. Returns the axes. Raises `ValueError` if
-    `chart` is not such a Dataset.
+    Dots mark all other changes between survival and overturning (`boundaries`). Returns the axes. Raises
+    `ValueError` if `chart` is not such a Dataset.
     """
     if "smallest_safe_value" not in getattr(chart, "data_vars", ()):
         raise ValueError(f"plot_chart: chart must come from optimise.design_chart, got {format_value(chart)}")

@@ -132,9 +132,9 @@ def rank(evaluation: Evaluation) -> tuple[float, float]:
 def objective_scale(evaluations: list[Evaluation]) -> float:
     """Return a typical change of the objective between the bounds of a variable.
 
-    Each evaluation has a largest absolute slope. The typical change is the median of these slopes, without
-    slopes of zero. If all slopes are zero, return the largest absolute objective value, or 1 if all objective
-    values are zero as well.
+    The typical change is the median of the largest absolute slopes of the evaluations, in scaled variables.
+    Slopes of zero are left out. If all slopes are zero, return the largest absolute objective value, or 1 if
+    all objective values are zero as well.
 
     - `evaluations`: finite evaluations at the starting points
     """

@@ -73,7 +73,7 @@ def design(
     - `method`: `"sqp"` for sequential quadratic programming, or an `optax.GradientTransformation`; `"adam"`
       is short for `optax.adam(0.02)`. A transformation takes `max_iterations` steps on an augmented
       Lagrangian in scaled variables. Then `"sqp"` continues from the best point of each start. Targets with
-      `FreshSamples` need a transformation, and `"sqp"` does not continue its search
+      `FreshSamples` need a transformation, and the search ends without `"sqp"`
     - `starts`: number of starting points, ≥ 1: `podium`, and a random Latin hypercube for the others
     - `seed`: seed of the random starting points, ≥ 0
     - `options`: options of the simulations; their `outputs` and `throw` are ignored
@@ -88,13 +88,13 @@ def design(
     - `progress`: `True` for a progress bar, or any object with a method `update(n)`, which is called with
       n = 1 after each evaluation of all starts
 
-    If no design is found that satisfies the targets, the design with the smallest violation is returned, with
-    `satisfied = False`. Raises `ValueError` for invalid inputs.
+    If no design is found that satisfies the targets, the design whose most negative margin is closest to 0 is
+    returned, with `satisfied = False`. Raises `ValueError` for invalid inputs.
 
     Ctrl-C raises [`rockjax.Interrupted`][]. The attribute `partial` of this error is the best design so far
-    or, with `FreshSamples`, the mean of the latest steps. This design is evaluated with the tolerances of the
-    verification, but not corrected. No new independent sample is taken for a `FailureProbability`. If Ctrl-C
-    comes during the first evaluation, `partial` is None.
+    or, with `FreshSamples`, the mean of the designs of the latest steps. This design is evaluated with the
+    tolerances of the verification, but not corrected. No new independent sample is taken for a
+    `FailureProbability`. If Ctrl-C comes during the first evaluation, `partial` is None.
     """
     start_time = time.perf_counter()
     transformation = transformation_of(method)
@@ -205,7 +205,7 @@ class DescentSearch:
             self.ends |= {k: self.end_so_far(k, settings) for k in starts if k not in self.ends}
             self.evaluations = evaluate(self.end_points)
             for k, evaluation in enumerate(self.evaluations):
-                if _small_violation(self.ends[k], evaluation, np.inf):  # not corrected
+                if _small_violation(self.ends[k], evaluation, np.inf):  # a violation remains uncorrected
                     self.ends[k] = self.ends[k]._replace(result=INTERRUPTED)
             return True
         return False
@@ -300,8 +300,7 @@ def _descend_further(end: End, settings: Settings, start: int) -> Descent:
 def _check_fresh(
     transformation: optax.GradientTransformation | None, targets: tuple, objective: AbstractObjective | None
 ) -> None:
-    """Raise `ValueError` if there are fresh samples, and a target, the objective or the method does not work
-    with them."""
+    """Raise `ValueError` for fresh samples that a target, the objective or the method does not accept."""
     distributional = [t for t in targets if isinstance(t, AbstractScaleTarget) and t.accepts_fresh_samples]
     others = [t for t in targets if not any(t is other for other in distributional)]
     for item in (*others, objective, getattr(objective, "risk", None)):

@@ -193,7 +193,7 @@ class MarginEstimate(NamedTuple):
 
 
 def fresh_samples_of(item: Any) -> FreshSamples | None:
-    """Return the fresh samples of a target or objective; None if it has fixed motions or none."""
+    """Return the fresh samples of a target or objective; None if its motions are not drawn anew."""
     suite = getattr(item, "suite", None)
     return suite.fresh_samples if isinstance(suite, Suite) else None
 
@@ -211,7 +211,7 @@ def verification_options(options: rj.Options) -> rj.Options:
 
 
 def options_as_arrays(options: rj.Options) -> rj.Options:
-    """Return options with arrays in place of numbers, because numbers would be constants of a program."""
+    """Return options with arrays in place of numbers, so that other values need no other compilation."""
     return jax.tree.map(as_float, options)
 
 
@@ -261,8 +261,8 @@ class Evaluator:
     def __call__(self, points: np.ndarray, count: int | None = None) -> list[Evaluation]:
         """Return the evaluations at points (starts, n).
 
-        Objective values are NaN where `check_structure` fails. `count` is the number by which `evaluations`
-        increases; None for the number of points.
+        Objective values are NaN where `check_structure` raises an error. `count` is the number by which
+        `evaluations` increases, without points of descents that have ended; None for all points.
 
         If `is_accurate` is True, simulations use the tolerances of verification. The objective, and targets
         without fresh samples, then search for overturning with the `width` (resolution) that the user gave.
@@ -301,7 +301,7 @@ class Evaluator:
         """Raise `ValueError` if there is no valid structure at x (n,), or if its overturning margin is
         requested and not defined.
 
-        Compiled programs cannot compare parameters, such as the distance of columns with their width.
+        Compiled programs cannot raise errors for invalid values, such as columns that overlap.
         """
         check_overturn_ratio("design", self.problem.variables.podium(x), self.checked_options)
 
@@ -313,13 +313,13 @@ class Evaluator:
         return True
 
     def estimates(self, x: np.ndarray, k: int) -> dict[int, MarginEstimate]:
-        """Return, for all targets with fresh samples, index of the target → margins at x (n,) in the k-th
-        independent sample."""
+        """Return, for all targets with fresh samples, index of the target → margins at x (n,) in the
+        independent sample with the index k."""
         podium = self.full_problem.variables.podium(x)
         return {index: self._estimate(index, podium, k) for index in self.fresh_samples}
 
     def _estimate(self, index: int, podium: rj.Podium, k: int) -> MarginEstimate:
-        """Return the margins of one target in the k-th sample, with bootstrap standard errors."""
+        """Return the margins of one target in the sample with the index k, with bootstrap standard errors."""
         target, samples = self.problem.targets[index], self.fresh_samples[index]
         assert isinstance(target, AbstractScaleTarget)
         batches = [

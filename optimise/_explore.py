@@ -53,11 +53,11 @@ if TYPE_CHECKING:
 
 OUTPUTS = (*DEFAULT_OUTPUTS, "margin")
 POINTS = 1001  # points of each curve
-TIME_AFTER = 12.0  # p times the time drawn after the end of the motion; p is the frequency parameter [rad/s]
+TIME_AFTER = 12.0  # time drawn after the end of the motion, multiplied by the frequency parameter `Podium.p`
 _WIDTH, _ROW_HEIGHT, _DPI = 8.0, 2.0, 80  # width and row height of the picture [in], dots per inch
 PIXEL_RATIO = 2  # width of the PNG divided by its width on the page, for high-resolution screens
 SLIDER_POSITIONS = 500  # largest number of steps of a slider before refinement
-# Largest number of times that the step of a slider is divided by 10 to make the initial value a position.
+# Largest number of times that the step of a slider is divided by 10, so that it can show the initial value.
 MAX_REFINEMENTS = 3
 
 
@@ -70,7 +70,7 @@ class Explorer:
     - `structure`: structure for these values, a `Podium` or `Dimensions` like the given one; `podium`: the
       same structure as a `Podium`
     - `excitation`: ground motion for these values; `peak`: peak response of the structure to this motion
-    - `picture`: picture of the response as PNG, with twice as many pixels in width as on the page
+    - `picture`: picture of the response as PNG, twice as wide in pixels as on the page
 
     If the values together define no valid structure, an error message replaces the table of peaks, and `peak`
     and `picture` do not change. `structure` and `podium` then raise a `ValueError` with this message.
@@ -225,7 +225,7 @@ def _outputs(options: rj.Options) -> tuple[str, ...]:
 def _motion_names(
     structure: Structure, excitation: rj.AbstractExcitation, names: tuple[str, ...]
 ) -> list[str]:
-    """Return those of `names` that denote scalar fields of the motion and no parameters of the structure."""
+    """Return the `names` of scalar fields of the motion that are not names of parameters of the structure."""
     fields = {field.name: getattr(excitation, field.name) for field in dataclasses.fields(excitation)}
     parameters = STRUCTURE if isinstance(structure, rj.Podium) else DIMENSIONS
     scalars = [name for name, y in fields.items() if eqx.is_inexact_array(y) and y.ndim == 0]

@@ -42,15 +42,15 @@ class FailureProbability(AbstractTarget):
     - `limit`: limit state, as for [`rockjax.failure_probability`][]
     - `cov`: coefficient of variation of the estimates, in [0.02, 0.5]; `seed`: seed of the random numbers,
       ≥ 0
-    - `rays`: number of rays (see below) from which the search computes the probability, ≥ 8
+    - `rays`: largest number of rays (see below) from which the search computes the probability, ≥ 8
     - `name`: name in reports; None for a description
 
     A vector u of standard normal numbers determines the motion. Let k be the factor on u with which the
     probability of failure equals `at_most`. The margin is ln k. For motions without a pulse, k is a factor on
-    the motion. During the search, k is computed along rays: half-lines from u = 0 through failing samples of
-    the first structure. The same rays are used for all structures. The derivatives of k with respect to the
-    design variables follow from the implicit function theorem. The search aims at a probability below
-    `at_most`, to allow for the scatter between two samples.
+    the motion. During the search, k is computed along rays: half-lines from u = 0 through samples with which
+    the first structure of the search fails. The same rays are used for all structures. The derivatives of k
+    with respect to the design variables follow from the implicit function theorem. The search aims at a
+    probability below `at_most`, to allow for the scatter between two samples.
 
     A design is verified by subset simulation with another seed. The probability along the rays is multiplied
     by a factor so that it agrees with this independent sample, and the margin is computed again.
@@ -152,7 +152,7 @@ class RayTarget:
         except ValueError as error:
             raise ValueError(f"FailureProbability: {error}") from None
         self.scenes += limit.scenes
-        self.initial_factor = 1.0  # where the next search for the factor k starts
+        self.initial_factor = 1.0  # first value of the factor k in the next search for k
 
     def _limit_state(self, podium: rj.Podium):
         return limit_state("FailureProbability", podium, self.target.motion, self.target.limit)

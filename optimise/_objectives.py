@@ -28,7 +28,7 @@ class AbstractObjective(Module):
 
     @abc.abstractmethod
     def values(self, podium: rj.Podium, options: rj.Options) -> Values:
-        """Return the values (k,) of a podium; traceable and differentiable.
+        """Return the objective values (k,) of a podium; JAX can trace and differentiate this method.
 
         - `podium`: the structure; `options`: options of the simulations
         """
@@ -186,8 +186,8 @@ class ExpectedLoss(AbstractObjective):
 
     - `function`: function of the podium that returns its annual cost [currency/year]
     - `loss`: loss by one overturning, > 0 [currency]
-    - `risk`: an `optimise.AnnualFrequency`, which gives the annual frequency of overturning λ_f [1/year]; its
-      `at_most` is ignored. The same object may also be a target
+    - `risk`: an `optimise.AnnualFrequency`, which gives the annual frequency of overturning λ_f [1/year].
+      `risk.at_most` is ignored. The same object may also be a target
 
     Raises `ValueError` for invalid arguments.
     """

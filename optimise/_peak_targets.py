@@ -147,14 +147,14 @@ def limited_by_overturning(margins: Values, peaks: rj.Peak) -> Values:
 
 
 def overturning_depths(peaks: rj.Peak, count: int) -> tuple[Array, Float[Array, " k"]]:
-    """Return two vectors (count,): whether the scene overturned, and the depth −M of overturning [–].
+    """Return two vectors (count,): for each value, whether its scene overturned, and the depth −M [–].
 
     A scene is the response to one motion, with the overturning margin M. In a scene that did not overturn,
-    the depth is set to 1; callers ignore it.
+    the depth is set to 1; callers ignore this depth.
 
     - `peaks`: responses to all motions
-    - `count`: number of values. Each scene has the same number of values, and they are in the order of the
-      scenes
+    - `count`: number of values of all scenes. Each scene has the same number of values; the values are in the
+      order of the scenes
     """
     depth = jnp.where(peaks.margin < 0, -peaks.margin, 1.0)
     repeat = lambda y: jnp.repeat(jnp.ravel(y), count // jnp.size(y))
@@ -166,6 +166,8 @@ class PeakShear(PeakLimit):
 
     - `limit`: > 0 [–]; `excitations`: a motion or a list of motions; `name`: name in reports, None for a
       description
+
+    [`optimise.PeakLimit`][] defines the margin.
     """
 
     def __init__(self, limit, excitations, name: Name = None):
@@ -183,6 +185,8 @@ class PeakDeformation(PeakLimit):
 
     - `limit`: > 0 [m]; `excitations`: a motion or a list of motions; `name`: name in reports, None for a
       description
+
+    [`optimise.PeakLimit`][] defines the margin.
     """
 
     def __init__(self, limit, excitations, name: Name = None):
@@ -195,7 +199,8 @@ class PeakDrift(PeakLimit):
     - `limit`: > 0 [m]; `excitations`: a motion or a list of motions; `name`: name in reports, None for a
       description
 
-    The evaluation raises `ValueError` for a podium without stories.
+    [`optimise.PeakLimit`][] defines the margin. The evaluation raises `ValueError` for a podium without
+    stories.
     """
 
     def __init__(self, limit, excitations, name: Name = None):
@@ -208,7 +213,8 @@ class PeakFloorAcceleration(PeakLimit):
     - `limit`: > 0 [m/s²]; `excitations`: a motion or a list of motions; `name`: name in reports, None for a
       description
 
-    The evaluation raises `ValueError` for a podium without stories.
+    [`optimise.PeakLimit`][] defines the margin. The evaluation raises `ValueError` for a podium without
+    stories.
     """
 
     def __init__(self, limit, excitations, name: Name = None):
@@ -224,8 +230,9 @@ class PeakFriction(PeakLimit):
     T is the shear force and N the axial force in a joint; compression is positive. N_0 is the axial force
     under dead load, averaged over the columns. The bottom and the top joint have one margin each: the minimum
     of (limit·N − |T|)/(limit·N_0) over time and columns. The margin is also defined if N < 0, where the joint
-    would open, so that a search can start from such a structure. If the podium has no elevation (positions of
-    columns and heights of masses), T and N are averaged over the columns.
+    would open, so that a search can start from such a structure. If the columns overturn, margins are at most
+    the overturning margin, which is negative. If the podium has no elevation (positions of columns and
+    heights of masses), T and N are averaged over the columns.
     """
 
     friction: float = eqx.field(static=True)
@@ -243,6 +250,8 @@ class PeakFoundationShear(PeakLimit):
 
     - `limit`: > 0 [–]; `excitations`: a motion or a list of motions; `name`: name in reports, None for a
       description
+
+    [`optimise.PeakLimit`][] defines the margin.
     """
 
     def __init__(self, limit, excitations, name: Name = None):

@@ -67,7 +67,8 @@ PEAKS = {
     for name, output in REGISTRY.items()
     if any(y.name == name and y.until_overturning for y in output.variables)
 }
-# Objectives on the largest peak of all motions: name in problem files → class, or function that makes one.
+# Name in problem files → class of an objective on the largest peak of all motions, or function that makes the
+# objective.
 WORST: dict[str, Any] = {
     kind: functools.partial(WorstPeak, name)
     for kind, name in PEAKS.items()
@@ -91,8 +92,8 @@ _MAX_INTENSITY_TEXT = (
 )
 
 
-# Kind of an entry of `[[targets]]` → class of the target, or function that makes one. The keys of each kind
-# are in `rockjax/_report/kinds`.
+# Kind of an entry of `[[targets]]` → class of the target, or function that makes the target. The keys of each
+# kind are in `rockjax/_report/kinds`.
 TARGETS: dict[str, Callable[..., AbstractTarget]] = {
     **{kind: functools.partial(PeakLimit, output) for kind, output in PEAKS.items()},
     "peak-rotation": PeakRotation,

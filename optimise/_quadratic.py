@@ -6,8 +6,8 @@ The program has linear models of objective values and margins, and a matrix B of
     subject to  c_j + ∇c_j·d ≥ −v,   v ≥ 0,   lower ≤ d ≤ upper
 
 f_i are the objective values; the largest is minimised. c_j are the margins, which should be ≥ 0. v is the
-largest violation of a margin, and ν is the penalty per unit of v. Because any violation is allowed at this
-penalty, a solution always exists. w is the weight of the objective. In the solver, the maximum is a further
+largest violation of a margin, and ν is the penalty per unit of v. Any violation is allowed at this penalty,
+so a solution always exists. w is the weight of the objective. In the solver, the maximum over i is a further
 variable with the lower bounds f_i + ∇f_i·d (epigraph form).
 """
 
@@ -62,7 +62,7 @@ class Step(NamedTuple):
     margin_multipliers: Vector
 
 
-BOUND_DISTANCE = 1e-10  # an entry of a step that is closer than this to its bound is moved onto the bound
+BOUND_DISTANCE = 1e-10  # if an entry of a step is closer than this to its bound, it is moved onto the bound
 _SUCCESSES = ("Solved", "AlmostSolved")
 
 

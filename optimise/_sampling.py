@@ -48,7 +48,7 @@ class _StructureParameters:
 
     def __call__(self, x: Vector) -> tuple[rj.Podium, dict[str, Vector]]:
         """Return the podium at x (n,), and name → derivatives d ln y/dx (n,) for every parameter y that
-        depends on x. In the podium, `ZERO_REPLACEMENT` replaces those of these parameters that are 0."""
+        depends on x. Such a parameter is replaced by `ZERO_REPLACEMENT` if it is 0."""
         y, slope = (np.asarray(array) for array in self._values_and_slopes(jnp.asarray(x)))
         is_varied = slope.any(axis=1)
         podium = self.variables.podium(jnp.asarray(x))

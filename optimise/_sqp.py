@@ -302,7 +302,8 @@ class _DescentState:
         exceeds_model = evaluation.violation > step.violation + self.settings.accepted_violation
         if not (evaluation.is_finite and trial.ratio < ACCEPT_RATIO and exceeds_model):
             return trial
-        # Second-order correction: shift the models of the margins by their error at the trial point.
+        # Second-order correction: shift the linear models of the margins by the errors of these models at the
+        # trial point.
         shifted = self.model._replace(c=self.model.c.copy())
         shifted.c[: len(evaluation.c)] = evaluation.c - self.current.c_slope @ d
         merit = self.merit
@@ -356,10 +357,9 @@ def _step_and_penalty(
 ) -> tuple[Step | None, float]:
     """Return a step and the penalty with which it was computed.
 
-    The penalty is multiplied by 10 until the step removes enough of the violation. If a step within the
-    bounds can remove the whole violation, this is the whole violation, otherwise 30 % of the part that a step
-    can remove. A penalty of at least `LARGEST_PENALTY` is not raised further. The step is None if the solver
-    fails.
+    The penalty is multiplied by 10 until the step removes the whole violation, if any step within the bounds
+    can do so, or otherwise 30 % of the part that a step can remove. A penalty of at least `LARGEST_PENALTY`
+    is not raised further. The step is None if the solver fails.
 
     - `model`: linear models around the current point; `current`: evaluation at this point
     - `merit`: merit with its curvature, weight and present penalty

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 MAX_ITERATIONS = 300  # default number of steps of the first search
 MAX_CORRECTIONS = 3  # largest number of further searches after the first
 STEPS_DIVISOR = 4  # a further search has max_iterations/STEPS_DIVISOR steps
-# Allowance in standard errors: in 95 % of further samples, the margin is lower by less than this.
+# Allowance in standard errors: 95 % of further samples have a margin that is lower by less than this.
 SAFETY_FACTOR = 1.645 * np.sqrt(2)
 EXACT_PENALTY = 1e4  # penalty of violations when multipliers are computed
 
@@ -103,8 +103,8 @@ class FreshSearch:
         self.gradient_steps.x = self.x
 
     def verify(self) -> None:
-        """Evaluate all starts at their means. Targets on fixed motions use the tolerances of the
-        verification, targets with fresh samples a new independent sample."""
+        """Evaluate the mean points of all starts. Targets on fixed motions are evaluated with the tolerances
+        of the verification, and targets with fresh samples with a new independent sample."""
         self.evaluate.is_accurate = True
         exact = self.evaluate(self.x)
         self.evaluate.is_accurate = False

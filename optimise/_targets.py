@@ -93,7 +93,7 @@ class AbstractResponseTarget(AbstractTarget, AbstractResponses):
 
 
 def severity(peaks: rj.Peak, options: rj.Options) -> Values:
-    """Return max|θ|/α [–] or, if the columns overturn, overturn_ratio − M.
+    """Return max|θ|/α [–] for each motion or, if the columns overturn, overturn_ratio − M.
 
     M < 0 is the overturning margin, so this value increases with the speed of the fall.
     """
@@ -251,7 +251,7 @@ class AbstractScaleTarget(AbstractTarget):
 
     @abc.abstractmethod
     def margins_of_scales(self, scales: Float[Array, " k"]) -> Values:
-        """Return the margins for overturning scales (k,); scales above `max_scale` are replaced by inf."""
+        """Return the margins for overturning scales (k,); scales above `max_scale` must be given as inf."""
 
     def margins(self, podium: rj.Podium, options: rj.Options) -> Values:
         return self.margins_of_scales(self.least_scales(podium, options))
@@ -260,7 +260,7 @@ class AbstractScaleTarget(AbstractTarget):
         return _with_coarse_width(self)
 
     def least_scales(self, podium: rj.Podium, options: rj.Options) -> Float[Array, " k"]:
-        """Return the overturning scales (k,) of the motions; scales above `max_scale` are replaced by inf."""
+        """Return the overturning scales (k,) of the motions, with inf for scales above `max_scale`."""
 
         def least_scale(motion):
             return rj.overturning_scale(

@@ -52,8 +52,8 @@ class Dimensions(Module):
     - `inertance`: inertance b of the inerter of each column [kg]. Tendon, damper and inerter span both joints
       of the column, from the ground to the beam
     - `stories`: number of stories of a building with equal stories; None for other structures
-    - `story_masses`: masses of the floors [kg]; `story_stiffnesses`: stiffnesses of the stories [N/m];
-      `story_heights`: heights of the stories [m]
+    - `story_masses`: masses of the floors, from the bottom [kg]; `story_stiffnesses`: stiffnesses of the
+      stories [N/m]; `story_heights`: heights of the stories [m]
     - `modes`: number of modes of the building in the model; None for all
     - `positions`: positions of the columns along the motion [m]; `beam_depth`, `top_height`,
       `residual_height`: as in `rockjax.Podium.from_dimensions` [m]
@@ -136,7 +136,7 @@ def _without_unit_warnings() -> Iterator[None]:
 class Variables(Module):
     """The varied parameters of a structure, scaled to x in [0, 1]ⁿ.
 
-    - `base`: the structure, from which all other parameters are taken
+    - `base`: the structure, which gives the parameters that do not vary
     - `lower`, `upper`: unscaled bounds (n,); `names`: names of the variables, in the order of x
     - `logarithmic`: for each variable, whether it is scaled by its logarithm
     """
