@@ -3,8 +3,9 @@
 At an impact the velocity of the deck (the beam) jumps. The accelerations do not contain the velocity jumps,
 which are separate results. The *bodies* are the modes of the superstructure and the beam. The *history* of a
 scene is the sequence of its accepted steps; the ends of the steps are the *nodes*. A scene is divided into
-*pieces*, in which the accelerations of all bodies are smooth. A *rigid podium* has a rigid superstructure or
-none. The equations (L…) are in docs/floors.md and docs/equations.md.
+*pieces*, in which the accelerations of all bodies are smooth. A *solved scene* is a tuple, `history.Solved`.
+A *rigid podium* has a rigid superstructure or none. The equations (L…) are in docs/floors.md and
+docs/equations.md.
 """
 
 from __future__ import annotations
@@ -431,11 +432,11 @@ class FloorMotion(Module):
         - `dt`: sampling interval, > 0 [s]
         - `direction`: "horizontal" or "vertical"
 
-        With the sampling interval δ = `dt`, the sample at the time t_k is ∫a ∧(t−t_k) dt + Σ_i Δv_i
-        ∧(t_i−t_k). Here a is the acceleration, Δv_i the velocity jump of the impact at t_i, and ∧(τ) =
-        max(0, 1−|τ|/δ)/δ the hat function. The final velocity and displacement are exact. Spectra at a period
-        T have an error of the order (δ/T)². The peak of the samples depends on δ and must not be used. The
-        record starts one interval before the scene and ends with a zero.
+        The sampling interval is δ = `dt`, and the sample at the time t_k is
+        ∫a ∧(t−t_k) dt + Σ_i Δv_i ∧(t_i−t_k). Here a is the acceleration, Δv_i is the velocity jump of the
+        impact at t_i, and the hat function is ∧(τ) = max(0, 1−|τ|/δ)/δ. The final velocity and displacement
+        are exact. Spectra at a period T have an error of the order (δ/T)². The peak of the samples depends on
+        δ and must not be used. The record starts one interval before the scene and ends with a zero.
         """
         owner = "FloorMotion.to_record"
         dt = require_number(owner, "dt", dt, lambda v: v > 0, "finite and > 0 s")

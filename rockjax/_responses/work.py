@@ -47,10 +47,10 @@ def power(
     - `x`, `v`: positions (θ, then u_i of the modes) and velocities
 
     If no restrainers dissipate energy, the mechanical energy changes between impacts at the rate of the first
-    power minus the second. The power of the ground is −ü_g[(½+γ)u̇_b + η u̇_t] − v̈_g w v̇_b, (C18), with w =
-    ½+γ+η, the mass ratios γ of the beam and η of the superstructure, the velocities u̇_b and v̇_b of the
-    beam, and the velocity u̇_t of the superstructure. The damper of Eq. (22) dissipates 2ζω_s η (u̇_t −
-    u̇_b)².
+    power minus the second. The power of the ground is −ü_g[(½+γ)u̇_b + η u̇_t] − v̈_g w v̇_b, (C18). Here γ
+    and η are the mass ratios of the beam and the superstructure, w = ½+γ+η, u̇_b and v̇_b are the velocities
+    of the beam, and u̇_t is the velocity of the superstructure. The power of the damper of Eq. (22) is
+    2ζω_s η (u̇_t − u̇_b)².
     """
     _, beam_rate = beam(c, sigma, x[0], v[0])
     half_and_gamma = 0.5 * c.ground * c.g / c.p**2  # ½+γ
