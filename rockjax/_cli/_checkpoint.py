@@ -1,6 +1,7 @@
 """Partial results of an interrupted run.
 
-A netCDF file has a group for each podium of the run that has results, complete or not.
+They are stored in a netCDF file, which has a group for each podium with results. The results of a podium may
+be incomplete.
 """
 
 from __future__ import annotations

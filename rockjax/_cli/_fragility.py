@@ -221,7 +221,7 @@ def _curve(console: Console, analysis: xarray.Dataset, settings: models.Fragilit
     """Return the fragility curve.
 
     If its confidence intervals cannot be computed, the curve has none. If no curve can be fitted, the result
-    is None. Both print the cause and set the exit status.
+    is None. In both cases, the function prints the cause and sets the exit status to 1.
     """
     import rockjax as rj
 

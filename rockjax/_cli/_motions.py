@@ -153,7 +153,8 @@ def _print_table(console: Console, rows: list[dict[str, Any]], numbers: bool = F
 
 def _motion_row(member: Motion | AbstractExcitation, folder: Path) -> dict[str, Any]:
     """Return the row of a motion: name, source, sampling interval [s], duration [s], PGA [g] and vertical PGA
-    [g]. Values that the motion does not have are None. Paths in `folder` are given relative to it."""
+    [g]. Values that the motion does not have are None. The path of a source in `folder` is relative to
+    `folder`."""
     from rockjax._excitations.ground import GroundMotion
     from rockjax._motions.motion import Motion
     from rockjax._units import STANDARD_GRAVITY

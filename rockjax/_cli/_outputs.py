@@ -81,9 +81,9 @@ def parse_outputs(text: str, name: str) -> Outputs:
 def store_path(text: str) -> str | Path:
     """Return the path of the zarr store for `--output`. A zarr store is a folder, or is at a URL.
 
-    A URL is returned unchanged. If `text` is an existing folder that is not a zarr store, the store is
-    rockjax-sweep.zarr in this folder; otherwise it is `text` itself. Raises `ValueError` for the suffix of
-    another format, and `OSError` if the store cannot be written.
+    A URL is returned unchanged. If `text` is an existing folder that is not a zarr store (no suffix .zarr and
+    no file zarr.json), the store is rockjax-sweep.zarr in this folder. Otherwise it is the folder `text`.
+    Raises `ValueError` for the suffix of another format, and `OSError` if the store cannot be written.
     """
     if "://" in text:
         return text

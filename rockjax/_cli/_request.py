@@ -45,7 +45,7 @@ def problem_file(problem: Path | None, example: str | None) -> Path | None:
 class Request:
     """The problem of a command. Options override the problem file, if there is one.
 
-    The attribute `problem` is the validated problem, and `settings` its table for the command.
+    The attribute `problem` is the validated problem, and `settings` is the table of the command.
 
     - `command`: name of the command
     - `path`: path of the problem file; None if there is none
@@ -164,8 +164,8 @@ class Request:
     def _override(self, entry: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
         """Return an entry, overridden by `values`.
 
-        `a_p` and `acceleration_ratio` are an example of alternative keys. If the command line sets one of two
-        alternative keys, the other one is removed. Raises `ValueError` if the command line sets both.
+        Two keys for the same quantity, such as `a_p` and `acceleration_ratio`, are alternatives. If the
+        command line sets one of them, the other one is removed. Raises `ValueError` if it sets both.
         """
         merged = {**entry, **values}
         for pair in _ALTERNATIVES.items():

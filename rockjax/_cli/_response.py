@@ -39,9 +39,9 @@ def response(request: Request, console: Console, output: Output = "rockjax-respo
     """Compute one time history: rotation, deformation, ground acceleration, and the peaks.
 
     Writes OUTPUT.nc and OUTPUT.png. If the structure has an elevation (positions of columns, heights of
-    masses), they include forces and friction in the joints. If the problem file has contents (blocks) or
-    oscillators on floors, they include the responses of these. `rockjax plot OUTPUT.nc --kind …` draws phase
-    portraits, energies and an animation.
+    masses), both files include forces and friction in the joints. If the problem file has contents (blocks)
+    or oscillators on floors, both files include their responses. `rockjax plot OUTPUT.nc --kind …` draws
+    phase portraits, energies and an animation.
 
     \b
     Examples:

@@ -105,8 +105,8 @@ class Accelerogram:
         """Peak ground displacement [m]. The peak may lie between two samples, where the velocity is zero."""
         a, v, u, dt = self.acceleration[:-1], self.velocity[:-1], self.displacement[:-1], self.dt
         slope = np.diff(self.acceleration) / dt
-        # At the time τ after a sample, the velocity is v + aτ + ½ slope τ². Its two zeros are computed from
-        # `stable_sum`, whose two terms have the same sign, so that no digits cancel.
+        # At the time τ after a sample, the velocity is v + aτ + ½ slope τ². It is zero at τ = 2v/stable_sum
+        # and at τ = stable_sum/slope. Both terms of `stable_sum` have the same sign, so no digits cancel.
         root = np.sqrt(np.maximum(a * a - 2 * slope * v, 0))
         stable_sum = -(a + np.copysign(root, a))
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -119,7 +119,7 @@ class Accelerogram:
 def warn_if_implausible(
     motion: Accelerogram, where: str, stacklevel: int, *, unit_from_user: bool = False
 ) -> None:
-    """Warn (`RecordWarning`) if PGA, sampling interval or final velocity of a motion are implausible, if the
+    """Warn (`RecordWarning`) if PGA, sampling interval or final velocity of a motion is implausible, if the
     file is damaged, or if the data are raw (not corrected). The final velocity of raw data is not checked.
 
     - `motion`: motion read from a file

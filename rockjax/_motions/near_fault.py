@@ -28,7 +28,7 @@ from .motion import Motion
 
 COLUMNS = ("A", "f_p", "gamma", "nu")
 QUANTITIES = ("velocity", "displacement")
-PERIODS = (0.3, 12.0)  # default range of initial periods 1/f_p [s], in addition at most the record's duration
+PERIODS = (0.3, 12.0)  # default range of initial periods 1/f_p [s]; they are at most the record's duration
 OSCILLATIONS = (1.05, 1.5, 2.0, 3.0, 5.0)  # initial values of γ
 FREQUENCIES = 40  # number of initial frequencies
 STARTS = 4  # number of initial pulses from which least-squares fits start
@@ -98,7 +98,7 @@ class PulseFit:
 
     - `pulse`: the pulse, centred on t = 0
     - `time`: time of the pulse's centre in the record [s]
-    - `share`: the explained share 1 − ∫(y − y_p)² dt/∫y² dt, where y is the velocity or displacement of the
+    - `share`: the explained share 1 − ∫(y − y_p)² dt / ∫y² dt, where y is the velocity or displacement of the
       record, and y_p that of the pulse [–]
     - `quantity`: the fitted quantity y, `"velocity"` or `"displacement"`
     """

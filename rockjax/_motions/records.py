@@ -58,7 +58,9 @@ class Records(AbstractSampled):
     scale: Float[Array, "*batch"] = eqx.field(converter=as_number("Records: scale"), default=1.0)
 
     def __check_init__(self):
-        if isinstance(self.acceleration, np.ndarray):  # JAX arrays come from `of`, or are computed
+        # Only NumPy arrays are checked. `of` makes JAX arrays from records that are already checked; other
+        # JAX arrays are results of computations.
+        if isinstance(self.acceleration, np.ndarray):
             refuse_gaps("Records: acceleration", self.acceleration)
             require_finite_samples("Records", self.acceleration)
         require_finite("Records", scale=self.scale)
@@ -180,8 +182,9 @@ class Records(AbstractSampled):
 
 
 class RecordPairs(GroundMotion):
-    """A batch of pairs of a horizontal and a vertical record. Both tables have the same number of rows, and
-    equal rows form a pair. `which`, `scale` and `magnitudes` are those of the horizontal records."""
+    """A batch of pairs of a horizontal and a vertical record. The horizontal and the vertical table have the
+    same number of rows; rows with the same index form a pair. `which`, `scale` and `magnitudes` are those of
+    the horizontal records."""
 
     @classmethod
     def of(cls, pairs: Sequence[GroundMotion]) -> Self:

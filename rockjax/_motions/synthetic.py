@@ -8,8 +8,9 @@ density S(ω) with
     S(ω)/S_0 = (1 + 4ζ_g² r²)/((1 − r²)² + 4ζ_g² r²) · s⁴/((1 − s²)² + 4ζ_f² s²),  r = ω/ω_g, s = ω/ω_f.
 
 The envelope is that of Saragoni & Hart (1974) in the form of Boore (1983). For a motion of the duration t_n,
-it is 1, its maximum, at the time ε t_n, and decreases to η at the time t_n. Close to t_n, it is multiplied by
-a taper that ends at zero. The pulse follows Mavroeidis & Papageorgiou (2003).
+it has its maximum of 1 at the time ε t_n, and decreases to η at the time t_n. In the last 5 % of the
+duration, it is also multiplied by a taper that ends at zero. The pulse follows Mavroeidis & Papageorgiou
+(2003).
 """
 
 from __future__ import annotations
@@ -81,7 +82,8 @@ def _normal(seed: int, k: int, count: int) -> np.ndarray:
 
 
 def _noise(seed: int, k: int, count: int, dt: float, soil: Soil) -> np.ndarray:
-    """Return stationary noise with the spectral density of the soil, without a unit, shape (count,).
+    """Return stationary noise, shape (count,) [–]. Its spectral density is proportional to
+    `spectral_density`.
 
     The result of a filter by FFT is periodic. Therefore noise of twice the length is filtered, and its first
     half is returned.

@@ -103,7 +103,7 @@ class Reader:
         except ValidationError as error:
             key, reason, value = _explain_first_error(error, table)
         flag, chosen = self.set_by_options.get(key.rpartition(".")[2], ("", None))
-        if flag and (chosen is value or chosen == value):  # NaN differs from itself
+        if flag and (chosen is value or chosen == value):  # `is` for NaN, which differs from itself
             raise LocatedError(f"{flag}: {reason}")
         # `_explain_first_error` returns the key "file" for the table itself.
         path = [where, *([key] if key != "file" else [])] if where else [key]

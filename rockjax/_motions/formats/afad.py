@@ -65,8 +65,8 @@ def _read_afad(path: Path, lines: list[str], component: Component) -> Samples:
 
 
 def _unit(peaks: str, name: str, values: np.ndarray) -> str | None:
-    """Return the unit of the samples. The header states the peaks of the samples in gal. The unit is "gal" if
-    the peak of the samples agrees with the peak in the header within 1 %. Otherwise it is None, unknown.
+    """Return the unit of the samples. The header states the peaks of the samples in gal. If the peak of the
+    samples agrees with the peak in the header within 1 %, the unit is "gal". Otherwise it is unknown (None).
 
     - `peaks`: text in the header with the peaks of all components [gal]
     - `name`: name of the component

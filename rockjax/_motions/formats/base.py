@@ -21,8 +21,8 @@ TIME_TOLERANCE = 1e-3  # allowed error of times in a file, divided by the sampli
 NUMBER = r"[\d.]+(?:[ED][+-]?\d+)?"  # a number without a sign
 DATE = re.compile(r"(?<!\d)(\d{1,4}[/-]\d{1,2}[/-]\d{1,4})(?!\d)")
 # Numbers as Fortran writes them. Before an exponent of three digits, Fortran omits the E (1.0-101). There is
-# no blank between two numbers that fill their columns. An exponent of three digits is therefore followed by a
-# sign, a blank or the end of the line.
+# no blank between two numbers that fill their columns. A third digit belongs to the exponent only if a sign,
+# a blank or the end of the line follows; otherwise it begins the next number.
 _MANTISSA = r"[+-]?(?:\d+\.?\d*|\.\d+)"
 _EXPONENT = r"(?:[ED][+-]?(?:\d{3}(?=[\s+-]|$)|\d{1,2})|[+-]\d{3}(?![\d.]))"
 _WITHOUT_E = re.compile(rf"({_MANTISSA})([+-]\d{{3}})", re.I)
@@ -98,7 +98,7 @@ def choose_channel(path: Path, channels: Sequence[tuple[int, str]], component: C
     - `channels`: (number, name) of each channel of the file
     - `component`: number or name of the requested channel. Instead of the name, its first word suffices. For
       a vertical channel, any name of the same direction is accepted. Text such as "1" is taken as a number if
-      no name matches. None selects the channel of a file with only one
+      no name matches. None is valid only for a file with one channel
 
     Raises `ValueError` unless exactly one channel matches.
     """

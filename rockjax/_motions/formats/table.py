@@ -35,8 +35,8 @@ _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[ED][+-]?\d+)?", re.I)
 _NUMBER_LIKE = re.compile(r"[+-]?[.,]?\d|[+-]?(?:nan|inf|infinity)$|\*", re.I)
 _FLOAT32 = 1.2e-7  # relative spacing of float32
 _MAX_ROUNDING = 0.25  # largest deviation of times that counts as rounding, divided by the mean step
-# The last digit of times may be larger in long records, because their mean step is accurate despite the
-# rounding. This is the largest size of the last digit, divided by the mean step.
+# Largest size of the last digit of times in long records, divided by the mean step. The limit is higher than
+# `_MAX_ROUNDING`, because the mean step of a long record is accurate despite the rounding.
 _MAX_ROUNDING_LONG = 2.1
 # If the step of coarsely rounded times differs from a multiple of the last digit by less than this fraction,
 # the multiple is the step. Otherwise a few missing rows would look like a slightly longer step.
@@ -261,8 +261,8 @@ def _choose_samples(path: Path, table: _Table, component: Component) -> Samples:
 
 
 def _as_channel(heading: Heading, values: np.ndarray) -> Heading:
-    """Return a heading as it is, or as the name of a channel if it is N, U or 1. If such a column rises
-    evenly, however, it contains sample numbers or times, and the heading is returned as it is."""
+    """Return the heading of a column. N, U and 1 become names of channels (north, up, first channel), unless
+    the column rises evenly, as sample numbers and times do. Other headings are returned unchanged."""
     name = heading.text.strip("\"' ")
     if name not in ("N", "U", "1") or _is_rising(values):
         return heading
@@ -349,8 +349,8 @@ def _interval(path: Path, table: _Table, factor: float, column: int) -> float | 
         and digit < TIME_TOLERANCE * (values[-1] - values[0])
         and steps.min() >= 0
     )
-    # If the rounding is coarse, a step of a line fitted to all times is used. Rounding changes each step by
-    # less than the last digit.
+    # If the rounding is coarse, the step is the slope of a line fitted to all times. Rounding then changes
+    # the distance between successive times by less than the last digit.
     if is_coarse:
         step = float(np.polyfit(indices, values, 1)[0])
         multiple = digit * round(step / digit)

@@ -104,8 +104,8 @@ Amplitudes = Annotated[
 Levels = Annotated[
     Ends, satisfying(lambda y: 0 < y[0] <= y[1]), described_as(f"{_ENDS} 0 < lowest <= highest")
 ]
-# Texts that look like a missing value in a table of a report. Names and texts of problem files must not
-# match.
+# Texts that look like a missing value in a table of a report. Names and texts in problem files must not match
+# this pattern.
 NO_VALUE = re.compile(r"[\s\-–—−.…]*|None|[-+−]?\s*(?i:nan|inf|infinity|∞|null|nat)")
 _TEXT = "a text other than a blank, a dash, nan, inf or None"
 Name = Annotated[str, satisfying(lambda y: not NO_VALUE.fullmatch(y)), described_as(_TEXT)]

@@ -135,7 +135,8 @@ class Elevation(Keys):
 
 def _superstructure_tag(given: Any) -> str:
     """Return the tag of the model that reads the table of a superstructure."""
-    # Tags must differ from all keys. Error messages list the steps of a path that are keys, and omit tags.
+    # Errors of pydantic state the path to a value in keys and tags. Messages omit the tags; to tell them from
+    # keys, no tag may equal a key.
     tags = {"masses": "Building", "T": "Modes"}
     return next((tags[name] for name in tags if isinstance(given, dict) and name in given), "one")
 
@@ -195,7 +196,8 @@ _NAME = "Name in tables and reports; by default the name of the table and a numb
 
 
 class Contents(Keys):
-    """A light block on a floor, as `rockjax.Contents`. Either alpha and R, or width and height, define it."""
+    """A light block on a floor, as in `rockjax.Contents`. Either alpha and R, or width and height, define
+    it."""
 
     name: Text | None = key(None, _NAME)
     alpha: Annotated[float, Field(gt=0, lt=math.pi / 2)] | None = key(None, "Slenderness α_c [rad].")
@@ -225,7 +227,7 @@ class Contents(Keys):
 
 
 class Oscillator(Keys):
-    """A light linear oscillator on a floor, as `rockjax.Oscillator`."""
+    """A light linear oscillator on a floor, as in `rockjax.Oscillator`."""
 
     name: Text | None = key(None, _NAME)
     period: Positive = key(..., "Natural period T_e [s].")
