@@ -57,7 +57,7 @@ TIME_AFTER = 12.0  # time drawn after the end of the motion, multiplied by the f
 _WIDTH, _ROW_HEIGHT, _DPI = 8.0, 2.0, 80  # width and row height of the picture [in], dots per inch
 PIXEL_RATIO = 2  # width of the PNG divided by its width on the page, for high-resolution screens
 SLIDER_POSITIONS = 500  # largest number of steps of a slider before refinement
-# Largest number of times that the step of a slider is divided by 10, so that it can show the initial value.
+# Largest number of times that a step is divided by 10, so that the slider can show the initial value.
 MAX_REFINEMENTS = 3
 
 
@@ -169,8 +169,8 @@ def explore(
       are not varied keep their values
     - `vary`: name → (lowest, highest) in the unit of the parameter. A name denotes a parameter of the
       structure, as in [`optimise.design`][], or a scalar field of the motion, such as `a_p` and `T_p` of a
-      pulse or `scale` of a record. If structure and motion share a name, it denotes the parameter of the
-      structure
+      pulse or `scale` of a record. If structure and motion share a name, the name denotes the parameter of
+      the structure
     - `options`: options of the simulations; their `outputs` and `throw` are ignored
 
     The picture shows the initial response in grey and the present one in colour. Only the first picture

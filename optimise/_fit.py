@@ -225,7 +225,8 @@ class _Scene(Module):
         """Return measured minus simulated rotation (n,) [rad] for scaled variables x.
 
         The residuals are inf if the simulation did not finish. After overturning, the simulated rotation is
-        α with the sign of the rotation at overturning. After the columns have come to rest for good, it is 0.
+        α with the sign of the rotation at overturning. The simulated rotation is 0 after the columns have
+        come to rest for good.
         """
         podium = self.variables.podium(x)
         response = rj.simulate(

@@ -49,8 +49,8 @@ def descend(x: Vector, settings: Settings, history: list[Iterate], start: int, f
     - `first`: index of the first iteration
 
     Returns the `End`. Responses have ripples, and the set of points that satisfy the targets may be
-    disconnected. At its end, a descent therefore changes one variable at a time. If it finds a better point,
-    it continues from there.
+    disconnected. At its end, a descent therefore changes one variable at a time. If this leads to a better
+    point, the descent continues from there.
     """
     end = yield from _descend(x, settings, history, start, first)
     for _ in range(MAX_AXIS_SEARCHES):

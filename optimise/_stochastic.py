@@ -63,7 +63,7 @@ class FreshSearch:
         """Run the search and return whether it was interrupted.
 
         If the search is interrupted, every start ends at the mean of those points that it has reached in the
-        second half of its latest series of steps. If it has not reached this half, it ends at its present
+        second half of its latest series of steps. A start that has not reached this half ends at its present
         point. Raises `rockjax.Interrupted` if the first evaluation is interrupted.
         """
         try:
