@@ -1,6 +1,7 @@
 """Hazard curves and fragility models in files: CSV, OpenQuake's hazard-curve CSV, and NRML 0.5.
 
-OpenQuake calls intensity measures imt, and intensities iml. P is the probability of failure at an intensity.
+NRML is the XML format of OpenQuake. OpenQuake calls intensity measures imt, and intensities iml. P is the
+probability of failure at an intensity.
 """
 
 from __future__ import annotations

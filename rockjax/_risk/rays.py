@@ -1,9 +1,10 @@
 """Probabilities of failure of several structures, along rays through the failing samples of one structure.
 
-A vector u of independent standard normal numbers determines the ground motion. A ray is a half-line from the
-origin u = 0 in a direction e. The ray crosses the surface of failure at distances r from the origin. The
-probability of failure of the ray is q(e) = Σ ±Q(r), summed over the crossings: + where the ray enters
-failure, − where it leaves failure. Q(r) is the probability that |u| > r (the upper tail of the chi
+A vector u of independent standard normal numbers determines the ground motion. The surface of failure
+separates the points u at which the structure fails, G(u) ≤ 0, from the points at which it survives. A ray is
+a half-line from the origin u = 0 in a direction e. The ray crosses the surface of failure at distances r from
+the origin. The probability of failure of the ray is q(e) = Σ ±Q(r), summed over the crossings: + where the
+ray enters failure, − where it leaves failure. Q(r) is the probability that |u| > r (the upper tail of the chi
 distribution). The probability of failure of the structure is the mean over all directions, P = E q(e). If
 motions are multiplied by a factor k, the ray has q(e; k) = Σ ±Q(r/k).
 

@@ -1,4 +1,7 @@
-"""One chunk of a sweep: read its scenes from the store, solve them as a batch, write their results."""
+"""One chunk of a sweep: read its scenes from the store, solve them as a batch, write their results.
+
+A scene is one structure under one ground motion.
+"""
 
 from __future__ import annotations
 

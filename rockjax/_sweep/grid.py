@@ -1,4 +1,7 @@
-"""Labelled grids of scenes: structures and ground motions that vary along named axes."""
+"""Labelled grids of scenes: structures and ground motions that vary along named axes.
+
+A scene is one structure under one ground motion.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Division of a grid of scenes into chunks."""
+"""Division of a grid of scenes into chunks.
+
+A scene is one structure under one ground motion. A chunk is a batch of scenes that are solved together.
+"""
 
 from __future__ import annotations
 

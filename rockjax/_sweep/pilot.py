@@ -1,4 +1,7 @@
-"""Estimate of the cost of a sweep from a sample of its scenes."""
+"""Estimate of the cost of a sweep from a sample of its scenes.
+
+A scene is one structure under one ground motion. A sweep solves its scenes in batches, the chunks.
+"""
 
 from __future__ import annotations
 

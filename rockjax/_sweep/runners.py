@@ -1,4 +1,7 @@
-"""Runners, which solve the chunks of a sweep: in this process, or on the workers of a Dask cluster."""
+"""Runners, which solve the chunks of a sweep: in this process, or on the workers of a Dask cluster.
+
+A chunk is a batch of scenes (one structure under one ground motion each).
+"""
 
 from __future__ import annotations
 

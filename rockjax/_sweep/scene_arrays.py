@@ -1,4 +1,7 @@
-"""The parameters of a grid of scenes as arrays, and the arguments of the solver for a part of the grid."""
+"""The parameters of a grid of scenes as arrays, and the arguments of the solver for a part of the grid.
+
+A scene is one structure under one ground motion. A leaf is an array of a JAX pytree.
+"""
 
 from __future__ import annotations
 

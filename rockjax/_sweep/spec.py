@@ -1,4 +1,7 @@
-"""Specification of a sweep: parameters of its scenes, names and labels of its axes, and options."""
+"""Specification of a sweep: parameters of its scenes, names and labels of its axes, and options.
+
+A scene is one structure under one ground motion.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
 """Importance sampling from normal densities around the design points, weighted by likelihood ratios.
 
-The samples u have the density h(u) = Σ w_i φ(u − u_i) + w_0 φ(u), a mixture of standard normal densities φ
+Failure is G(u) ≤ 0, with the limit state function G of a vector u of independent standard normal numbers. The
+samples u have the density h(u) = Σ w_i φ(u − u_i) + w_0 φ(u), a mixture of standard normal densities φ
 around the design points u_i and around the origin. Half of the sum of the w_i is divided among the design
 points in proportion to Φ(−β_i), with the distances β_i = |u_i| and the standard normal distribution function
 Φ. The other half is divided equally. The weight of a sample is its likelihood ratio φ(u)/h(u). Because φ

@@ -1,5 +1,8 @@
 """Line sampling: failing segments of random lines parallel to the direction of a design point.
 
+Failure is G ≤ 0, with the limit state function G of a vector of independent standard normal numbers. The
+surface of failure separates failing from surviving points.
+
 Design point i has the direction α_i and the distance β_i from the origin. A line of this design point
 consists of the points u + cα_i, with a random u normal to α_i and all numbers c. The line contributes the
 probability that a standard normal c lies in a failing segment. All crossings of the line with the surface of
