@@ -101,7 +101,7 @@ def refuse_sentinels(name: str, samples: np.ndarray) -> None:
     A value of `_SENTINELS`, with either sign, stands for missing samples in two cases:
 
     - The absolute value is more than three times the largest absolute value of all other samples.
-    - The value fills at least three successive samples, and where a run of this value starts or ends, the
+    - The value fills at least three successive samples, and at a start or an end of a run of this value the
       samples jump by more than half of the absolute value.
     """
     sizes = np.abs(samples)

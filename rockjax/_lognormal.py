@@ -27,7 +27,7 @@ MIN_RISE = 1e-9  # a smaller increase of the share of events with the level coun
 class Lognormal(NamedTuple):
     """Lognormal distribution: ln x is normal with mean ln(`median`) and standard deviation `dispersion`.
 
-    Both are NaN if a fit fails.
+    Both numbers are NaN if a fit fails.
     """
 
     median: Float[Array, ""]
@@ -61,7 +61,7 @@ def fit_capacities(
     _, spread = _moments(log, jnp.where(is_observed, weight, 0.0))
     has_fit = spread > MIN_DISPERSION
     # The fit uses (ln x − centre)/scale. `centre` and `scale` are the mean and the standard deviation of ln x
-    # with each censored capacity at its bound. Then the scale of the data affects neither start nor accuracy.
+    # with each censored capacity at its bound. The scale of the data then has no effect on the search.
     centre, scale = jax.lax.stop_gradient(_moments(log, weight))
     scale = jnp.where(has_fit, scale, 1.0)
 

@@ -1,10 +1,10 @@
 """Largest responses of linear oscillators on a floor, whose acceleration a is a piecewise polynomial.
 
 The equations (L5) to (L8) are in docs/floors.md and docs/equations.md. An oscillator has the displacement x
-relative to the floor [m], the circular frequency ω [rad/s], the damping ratio ζ and the damped frequency ω_d.
-Its equation is ẍ + 2ζωẋ + ω²x = −a. Let λ = −ζω + iω_d, with the conjugate λ̄. The complex unknown
-z = ẋ − λ̄x [m/s] replaces x and ẋ, and the equation becomes ż = λz − a. A velocity jump Δv of the floor
-changes z by −Δv.
+relative to the floor [m], the circular frequency ω [rad/s], the damping ratio ζ and the damped frequency
+ω_d = ω√(1 − ζ²). Its equation is ẍ + 2ζωẋ + ω²x = −a. Let λ = −ζω + iω_d, with the conjugate λ̄. The complex
+unknown z = ẋ − λ̄x [m/s] replaces x and ẋ, and the equation becomes ż = λz − a. A velocity jump Δv of the
+floor changes z by −Δv.
 
 A piece is a time interval in which a is one polynomial. The solution over a piece is exact up to rounding.
 Two responses are computed: x, and 2ζωẋ + ω²x, which is minus the absolute acceleration. Both have the form
@@ -133,7 +133,7 @@ def largest(
     """Return the largest responses of oscillators that start at rest relative to their floor.
 
     - `load`: acceleration of the floor
-    - `period`, `damping`: T_e > 0 [s] and ζ in [0, 1) [–] of N oscillators, shape (N,)
+    - `period`, `damping`: T_e > 0 [s] and 0 ≤ ζ < 1 of N oscillators, shape (N,)
     - `rests`: True if the floor stays at rest after the end of the load; free vibration then counts as well
     - `slopes`: derivatives of the load with respect to parameters, in the same pieces
     - `responses`: names of the responses to return; the result has them in the order of `RESPONSES`

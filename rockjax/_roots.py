@@ -14,12 +14,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-MAX_ROUNDS = 64  # largest number of divisions of a bracket
+MAX_ROUNDS = 64  # largest number of rounds of `narrow_brackets`
 # The secant root of a bracket is the root of the straight line through the function values at both ends.
 # `narrow_brackets` evaluates points on both sides of the secant root. The offset is the typical distance of
 # these points from the secant root, divided by the length of the bracket.
 FIRST_OFFSET = 0.02  # offset in the first round
-OFFSET_FACTOR = 3.0  # offset in later rounds, divided by the expected relative error of the secant root
+# Offset in later rounds, divided by the expected error of the secant root. This error is also divided by the
+# length of the bracket.
+OFFSET_FACTOR = 3.0
 MAX_OFFSET = 0.03  # brackets with a larger offset are divided into equal parts
 
 
@@ -147,7 +149,7 @@ def narrow_brackets(
             ends[wide] = np.append(inner, ends[wide, None], axis=1)[row, first]
         error = np.abs(_secant_root(*(y[wide] for y in brackets[:4])) - root)
         # `error` is the error of the old secant root. For a smooth function, the error of the new secant root
-        # is smaller by the square of the ratio of the lengths of the new and the old bracket.
+        # is about `error` times (new length of the bracket / old length)².
         offset[wide] = OFFSET_FACTOR * error * np.abs((b - a)[wide]) / length**2
     return brackets
 

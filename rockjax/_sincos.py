@@ -4,7 +4,7 @@ In float64 the compiler would call scalar library routines, whereas polynomials 
 
 `sincos` is for the equations of motion. There the argument is ψ = σα − θ, with the sign σ = ±1 of the
 rotation θ, and |ψ| ≤ π/2. In this range, polynomials of eight terms are accurate to rounding. In a rejected
-trial step |ψ| may be larger; the error then grows smoothly, to 1e-8 at |ψ| = 3. `sin` and `cos` are for the
+trial step |ψ| may be larger; the error then grows smoothly, to 2e-8 at |ψ| = 3. `sin` and `cos` are for the
 phases of ground motions. They accept any argument and first reduce it to ±π/2.
 """
 

@@ -79,8 +79,8 @@ def peak_responses(
     Returns a [`rockjax.Peak`][] of NumPy arrays whose first axes have the shape of the batch. If a scene does
     not finish, its `result` is the reason. Other scenes are not affected, and a `RuntimeWarning` counts the
     unfinished scenes. Ctrl-C stops the batch after the present chunk of scenes on each core or device, and
-    raises [`rockjax.Interrupted`][], a `KeyboardInterrupt` that contains the answers so far. It contains no
-    answers if no scene had ended, or if Ctrl-C came during the solution of `on_floors`.
+    raises [`rockjax.Interrupted`][], a `KeyboardInterrupt` that contains the answers so far. `Interrupted`
+    contains no answers if no scene had ended, or if Ctrl-C came during the solution of `on_floors`.
 
     - `podiums`: the structures
     - `excitations`: the ground motions
@@ -247,7 +247,8 @@ def run_batch(
     sensitivities: tuple[str, ...] = (),
     edge_distance: bool = False,
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], Tally]:
-    """Solve a batch. Return the floats and the integers by name, with a row for each scene, and the `Tally`.
+    """Solve a batch. Return a dict with the floats of the answers and a dict with the integers, both with
+    a row for each scene, and the `Tally`.
 
     - `scenes`: the batch
     - `options`: options of the solver
@@ -359,8 +360,8 @@ def _chunks(
 ) -> Iterator[SceneIndices]:
     """Yield the chunks of a batch. Successive scenes take about the same time. They belong to different
     chunks, so that all threads end at about the same time."""
-    # A further thread is started only if there is at least one scene per lane for it. Quick scenes need more
-    # per lane, because starting a thread takes longer than a few quick scenes.
+    # A further thread is started for each further `scenes_per_thread` scenes. This number is larger for quick
+    # scenes, because starting a thread takes longer than a few quick scenes.
     scenes_per_thread = (
         lane_layout.lanes * executor.devices * (QUICK_SCENES_PER_LANE if scenes.is_quick else 1)
     )

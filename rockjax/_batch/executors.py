@@ -25,8 +25,8 @@ from .scenes import SceneBatch, SceneIndices
 # (lanes, indices of the scenes of a chunk, True if no chunk follows) ↦ (lanes, scenes that have ended)
 Program = Callable[[Lanes, SceneIndices, bool], tuple[Lanes, DoneScenes]]
 
-# On a CPU, a call that finishes the last scenes of a batch ends after this number of trial steps, and the
-# next call continues. Calls must be short, because Ctrl-C takes effect between calls.
+# On a CPU, a call that finishes the last scenes of a batch ends after about this number of trial steps, and
+# the next call continues. Calls must be short, because Ctrl-C takes effect between calls.
 MAX_LAST_TRIALS = 30_000
 UNLIMITED_TRIALS = np.iinfo(np.int32).max
 
@@ -49,8 +49,8 @@ class AbstractExecutor(abc.ABC):
 
         If lanes take further scenes (`LaneLayout.refill`) and another chunk follows, a call of the program
         ends when all scenes of its chunk have been loaded. Otherwise the call ends when all scenes have
-        ended. On a CPU with refilled lanes, the call then ends after `MAX_LAST_TRIALS` trial steps at the
-        latest.
+        ended. On a CPU with refilled lanes, the call then ends after about `MAX_LAST_TRIALS` trial steps even
+        if some scenes have not ended.
 
         Successive scenes take about the same time. They go to different devices, so that all devices end at
         about the same time. Every device has its own lanes and counters.

@@ -148,7 +148,8 @@ def _fields_with_slopes(state: LoopState, lanes: Lanes) -> dict[str, Any]:
 
 
 def _first_edge_distance(layout: LaneLayout) -> jax.Array | None:
-    """Return the edge distances before the first turning point, inf, or None if they are not requested."""
+    """Return the edge distance before the first turning point, which is inf, for each lane; None if edge
+    distances are not requested."""
     return jnp.full(layout.lanes, jnp.inf) if layout.edge_distance else None
 
 

@@ -71,7 +71,8 @@ class SceneBatch(NamedTuple):
 
     @property
     def is_quick(self) -> bool:
-        """True if scenes take only a few steps: the podium is rigid, and the motion is a pulse."""
+        """True if scenes take only a few steps: the superstructure is rigid or absent, and the motion is
+        a pulse."""
         podium, excitation, *_ = jax.tree.unflatten(self.structure, self.leaves)
         return isinstance(excitation, AbstractPulse) and not podium.vibrates
 

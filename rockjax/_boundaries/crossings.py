@@ -255,8 +255,8 @@ def _has_edge_distances(plane: Plane, x: np.ndarray, max_y: float, options: Opti
 
 
 def curvature_indicator(y: np.ndarray, margin: np.ndarray, same_line: np.ndarray) -> np.ndarray:
-    """Return, for each two neighbouring scenes, how much the margin may deviate between them from a straight
-    line, divided by the distance of the margin from zero, shape (n−1,).
+    """Return, for each pair of neighbouring scenes, how much the margin may deviate between them from
+    a straight line, divided by the distance of the margin from zero, shape (n−1,).
 
     - `y`, `margin`: positions and margins, sorted by line and y, shape (n,)
     - `same_line`: True for neighbours that belong to the same line, shape (n−1,)

@@ -184,7 +184,7 @@ class SampledLookahead(AbstractLookahead):
     threshold: Value | None
     # Upper bound of ∫|ü_g| dt from sample i on, divided by the sampling interval; zero in the padding.
     remaining_integral: Float[Array, "*table n"]
-    remaining_peak: Float[Array, "*table n"]  # max|ü_g| from sample i on
+    remaining_peak: Float[Array, "*table n"]  # largest absolute value from sample i on
     tree: Float[Array, "*table m"] | None  # tree of maxima of |samples|; None without threshold
     # Trees of maxima of −samples and of samples, for `highest_time` with a side; None before `with_sides`.
     side_trees: tuple[Float[Array, "*table m"], Float[Array, "*table m"]] | None = None

@@ -1,7 +1,7 @@
-"""Plots. Functions with an argument `ax` return an `Axes`, most others a `Figure`.
+"""Plots. Functions with an argument `ax` return an `Axes`, and most other functions return a `Figure`.
 
 New figures have the style `STYLE`; the user's settings and the style of the user's axes are unchanged. Only
-`save_animation` writes a file.
+`save_animation` writes a file. Symbols such as α, η/γ, T_s and ω_p/p are those of docs/model.md.
 """
 
 import lazy_loader as _lazy_loader

@@ -1,4 +1,4 @@
-"""Animation of the rocking podium, and its export to a file."""
+"""Animation of the rocking podium, and its export to a file. Symbols are those of docs/model.md."""
 
 from __future__ import annotations
 

@@ -2,7 +2,8 @@
 sensitivities.
 
 As a function of frequency, the boundary has several branches. The least acceleration jumps where another
-branch becomes the lowest.
+branch becomes the lowest. Symbols are those of docs/model.md: η/γ is the mass of the superstructure divided
+by the mass of the beam, and T_s is the period of the superstructure [s].
 """
 
 from __future__ import annotations

@@ -179,7 +179,8 @@ def contents_fragility(dataset: xarray.Dataset) -> Figure:
 
 
 def _state_label(state: float) -> str:
-    """Return the legend entry of a damage state, a threshold of max|φ|/α_c."""
+    """Return the legend entry of a damage state, which is a threshold of max|φ|/α_c, with the rotation φ and
+    the slenderness α_c of the block."""
     return {0.0: "rocks", 1.0: "overturns"}.get(state, rf"$|\varphi|$ reaches {state:g} $\alpha_c$")
 
 

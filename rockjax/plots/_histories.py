@@ -1,6 +1,7 @@
 """Plots of one scene: histories, phase portrait, moment against rotation, and the balance of energy.
 
 Each function takes a [`rockjax.Response`][] or the dataset of a response, which `rockjax response` writes.
+Symbols and Eq. (9) to (24) are in docs/model.md.
 """
 
 from __future__ import annotations

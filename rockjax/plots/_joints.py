@@ -1,7 +1,8 @@
 """Plots of the forces in the joints: over time for one scene, and against frequency and amplitude for the
 pulses of a spectrum.
 
-The plots show whether joints stay closed and do not slide, as the model assumes.
+The plots show whether joints stay closed and do not slide, as the model assumes. Symbols are those of
+docs/model.md and docs/forces.md.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 OPEN_COLOUR = "#F7D9CC"  # background of times at which a joint would be open, N < 0
 LEVELS = (-1.0, -0.8, -0.6, -0.4, -0.2, 0.0, 0.2, 0.4, 0.6, 0.8, 1.0)  # N divided by the dead load
 _LINES = {"bottom": "-", "top": "--"}  # joint → line style
-# If a joint opens, the axis of friction ends at this multiple of max(tan α, μ) at the latest.
+# If a joint opens, the friction axis is not extended for demands above this multiple of max(tan α, μ).
 _MAX_AXIS = 4.0
 
 
@@ -175,7 +176,8 @@ def friction_demand(
 
 @on_axes
 def lift_off_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, levels=LEVELS) -> Axes:
-    """Plot the least axial force of both joints divided by the dead load, against ω_p/p and a_p/(g tan α).
+    """Plot the least axial force divided by the dead load, against ω_p/p and a_p/(g tan α). Of the bottom and
+    the top joint, the smaller ratio is drawn.
 
     At the black line the least axial force is 0. Beyond this line the beam would lift off a column, or
     a column would lift off the ground, and the model does not hold. Cells of pulses that overturn the columns

@@ -1,4 +1,5 @@
-"""Figures of several panels: their layout, and titles that describe structure and pulse."""
+"""Figures of several panels: their layout, and titles that describe structure and pulse. Symbols are those of
+docs/model.md."""
 
 from __future__ import annotations
 

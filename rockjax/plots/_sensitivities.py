@@ -1,4 +1,5 @@
-"""Plots of sensitivity spectra: derivatives of peak rotations in the plane of a rocking spectrum."""
+"""Plots of sensitivity spectra: derivatives of peak rotations in the plane of a rocking spectrum. Symbols are
+those of docs/model.md."""
 
 from __future__ import annotations
 
