@@ -85,6 +85,7 @@ def exchange_scenes(
 def _one_by_one(
     chunk: Chunk, indices: SceneIndices, loop: Loop, ended: Flag, answers: Answers, refill: bool
 ) -> Loop:
+    """Serve the lanes one after another; arguments and result as for `exchange_scenes`."""
     lane_indices = jnp.arange(ended.size, dtype=jnp.int32)
 
     def put(stores, values, at, axis=0):
@@ -122,6 +123,7 @@ def _one_by_one(
 def _in_parallel(
     chunk: Chunk, indices: SceneIndices, loop: Loop, ended: Flag, answers: Answers, refill: bool
 ) -> Loop:
+    """Serve all lanes at once; arguments and result as for `exchange_scenes`."""
     lanes, next_position, done = loop
     done = _append_answers(done, ended, lanes.scene_index, answers)
     is_free = ended | (lanes.scene_index < 0)

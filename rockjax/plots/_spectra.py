@@ -1,8 +1,8 @@
 """Plots of rocking spectra, and secondary axes with units (T_p in s, a_p in g) for all spectra.
 
 Symbols are those of docs/model.md: T_p, ω_p = 2π/T_p and a_p are the period, the circular frequency and the
-amplitude of a pulse, p is the frequency parameter of the podium, η/γ is the mass of the superstructure divided
-by the mass of the beam, and T_s is the period of the superstructure [s].
+amplitude of a pulse, and p is the frequency parameter of the podium. η/γ is the mass of the superstructure
+divided by the mass of the beam, and T_s is the period of the superstructure [s].
 """
 
 from __future__ import annotations
