@@ -1,4 +1,4 @@
-"""Gaussian ground motions: white noise with an envelope, in the filters of Kanai–Tajimi and Clough–Penzien.
+"""Gaussian ground motions: white noise passed through the filters of Kanai–Tajimi and Clough–Penzien.
 
 The noise has the value w_j = u_j e(t_j) √(2π S₀/dt) in the sampling interval from t_j to t_j + dt. Here u ∈
 ℝⁿ is a vector of independent standard normal numbers, e(t) the envelope, and S₀ the spectral density. The
@@ -121,7 +121,7 @@ def _as_tuple(filters: Any) -> tuple:
 
 
 class GaussianMotion(Module):
-    """Random ground motions: white noise in the filters of Kanai–Tajimi and Clough–Penzien, and a pulse.
+    """Random ground motions: white noise passed through the filters of Kanai–Tajimi and Clough–Penzien.
 
     A vector u of independent standard normal numbers determines the motion. Without a pulse the ground
     acceleration is ü_g = A u, where the matrix A depends only on the parameters. The pulse is optional and is

@@ -79,7 +79,7 @@ class AbstractLimitState(abc.ABC):
 def evaluate_padded(u: np.ndarray, call: Callable) -> tuple[np.ndarray, ...]:
     """Evaluate `call` for the rows of u, shape (m, d), in batches of a few fixed sizes.
 
-    - `call`: function of a batch of rows that returns a tuple of arrays with one row for each of them
+    - `call`: function that maps a batch, shape (k, d), to a tuple of arrays of length k
 
     Batches are padded with copies of their last row.
     """

@@ -40,8 +40,8 @@ class FailureProbability:
       `"monte-carlo"`, whose interval is exact for any number of scenes
     - `method`: name of the estimator
     - `scenes`: number of evaluations of the limit state, including the search for design points
-    - `effective_sample_size`: effective number of failures; as many independent failures of equal weight
-      would give about the same accuracy
+    - `effective_sample_size`: effective number of failures; this number of independent failures of equal
+      weight would give about the same accuracy
     - `first_order`: probability of the union of the half-spaces α_i·u ≥ β_i, with the directions α_i and the
       distances β_i of the design points. For three or more design points, it is a lower bound of this
       probability. NaN for methods without design points

@@ -46,7 +46,7 @@ class _Run(NamedTuple):
     """A completed run."""
 
     probability: float  # estimate of P; 0 if no level reached failure
-    variance: float  # relative variance of the estimate, estimated from this run
+    variance: float  # relative variance of `probability`, estimated from this run alone
     samples: int  # number of samples per level
     failing: np.ndarray  # the failing samples, shape (k, d)
 
@@ -146,7 +146,7 @@ class Subset(AbstractEstimator):
         return np.concatenate(us), np.concatenate(gs), move_size
 
     def is_exhausted(self) -> bool:
-        """Return True if no run has reached failure after at least `MIN_ROUNDS` rounds."""
+        """Return True after at least `MIN_ROUNDS` rounds, if no run has reached failure."""
         return len(self.runs) >= MIN_ROUNDS * RUNS and all(run.probability == 0 for run in self.runs)
 
     def estimate(self) -> ProbabilityEstimate:
