@@ -1,7 +1,7 @@
 """Compiled functions that are stored on disk.
 
-A function is traced and compiled once for each combination of structure, static values, shapes and types of
-its arguments. This process and later ones then use the compiled program.
+A function is traced and compiled once for each combination of tree structure, static values, shapes and types
+of its arguments. This process and later ones then use the compiled program.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ ARRAYS = np.ndarray | np.generic | jax.Array  # includes tracers
 COUNTS = {"loaded": 0, "compiled": 0}  # numbers of programs that this process has loaded and compiled
 _LOG = logging.getLogger("rockjax")
 _ANNOUNCE_AFTER = 2.0  # duration of a compilation after which a message announces it [s]
-# JAX's settings that affect tracing and may change within a process.
+# JAX's settings that affect tracing, and that a user may change within a process.
 _SETTINGS = operator.attrgetter(
     "jax_enable_x64",
     "jax_default_matmul_precision",
@@ -50,7 +50,8 @@ class _StaticInputs(NamedTuple):
 
 
 class StoredProgram:
-    """A compiled function of pytrees of arrays and numbers; other leaves and keyword arguments are static.
+    """A compiled function whose arguments are pytrees of arrays and numbers. Other leaves and keyword
+    arguments are static.
 
     - `function`: the function
     - `donate`: positions of arguments whose memory may be reused for the result
@@ -59,10 +60,11 @@ class StoredProgram:
     - `name`: name of the program in its key; by default the full name of the function
     - `description`: name of the program in progress bars
 
-    If the arguments are not traced and JAX runs on a single CPU device, the program is loaded from the store
-    if possible, without compiling. Tracing is also avoided, unless the arguments contain user-defined classes
-    or functions. The loaded program gives bitwise the same results as the program that was stored. If the
-    arguments are traced, or JAX runs in another way, the function is called through `jax.jit`.
+    If the arguments are not traced and JAX runs on a single CPU device, a program that is in the store is
+    loaded instead of compiled. It is not traced either, unless the arguments contain user-defined classes or
+    functions. The loaded program gives bitwise the same results as the program that was stored. If the
+    arguments are traced, or JAX does not run on a single CPU device, the function is called through
+    `jax.jit`.
     """
 
     def __init__(
@@ -97,8 +99,8 @@ class StoredProgram:
             return (self._ready.get(key) or self._make(key, passed))(*passed)
 
     def prepare(self, *arguments: Any, **keywords: Any) -> None:
-        """Start to load or compile the program for these arguments in another thread, unless it is ready or
-        would be called through `jax.jit`."""
+        """Start to load or compile the program for these arguments in another thread. Do nothing if the
+        program is ready, or if the function would be called through `jax.jit`."""
         passed, static = self._split(arguments, keywords)
         key = static, _types(passed), _SETTINGS(jax.config)
 
@@ -110,7 +112,7 @@ class StoredProgram:
             submit(make)
 
     def through_jit(self, *arguments: Any, **keywords: Any) -> Any:
-        """Call the function through `jax.jit`."""
+        """Call the function through `jax.jit`, without the store."""
         passed, static = self._split(arguments, keywords)
         return self._jit(static)(*passed)
 
@@ -148,8 +150,8 @@ class StoredProgram:
 
     def _make(self, key: Any, passed: list) -> Callable:
         """Load or compile the program of a key, once for all threads."""
-        # One thread compiles a program while other threads wait for it. A thread that holds the tracing lock
-        # must not wait, because the compiling thread may need this lock.
+        # One thread compiles a program, and other threads that need it wait. A thread that holds the tracing
+        # lock must not wait, because the compiling thread may need the tracing lock.
         lock = self._locks.setdefault(key, threading.Lock())
         with contextlib.nullcontext() if _THREAD_STATE.tracing else lock:
             if key not in self._ready:
@@ -172,8 +174,8 @@ class StoredProgram:
             with _tracing():
                 lowered = self._jit(static).lower(*passed)
             if uses_store and not key:
-                # The text of the lowered program identifies user-defined classes and functions. It omits
-                # empty branches of the tree of answers, so this tree is added to the key.
+                # The text of the lowered program identifies user-defined classes and functions. The text does
+                # not show empty branches of the tree of answers, so this tree is also part of the key.
                 key = f"{compile_key}\n{keys.describe_machine()}\n{lowered.out_tree}\n{lowered.as_text()}"
                 loaded = _load(key)
             if loaded is not None:
@@ -182,7 +184,7 @@ class StoredProgram:
             _THREAD_STATE.from_jax = False
             compiled = lowered.compile(compiler_options=options)
         COUNTS["compiled"] += 1
-        # XLA cannot serialise programs that it has loaded from JAX's own cache.
+        # XLA cannot serialise programs that come from JAX's own compilation cache.
         if key and not _THREAD_STATE.from_jax:
             _PENDING_WRITES.append(submit(_write, key, compiled))
         return compiled
@@ -205,8 +207,8 @@ _TRACE_LOCK = threading.RLock()
 
 @contextlib.contextmanager
 def _tracing() -> Iterator[None]:
-    """Hold the tracing lock: one thread traces at a time, since concurrent tracing delays compilation in
-    other threads."""
+    """Hold the tracing lock, so that only one thread traces at a time. Concurrent tracing would delay
+    compilation in other threads."""
     with _TRACE_LOCK:
         before, _THREAD_STATE.tracing = _THREAD_STATE.tracing, True
         try:
@@ -217,7 +219,7 @@ def _tracing() -> Iterator[None]:
 
 @functools.cache
 def _watch_cache_hits() -> None:
-    """Set `_THREAD_STATE.from_jax` whenever JAX takes a program from its own cache."""
+    """Make JAX set `_THREAD_STATE.from_jax` whenever it takes a program from its own compilation cache."""
 
     def record_event(event: str, **_) -> None:
         _THREAD_STATE.from_jax |= event == "/jax/compilation_cache/cache_hits"
@@ -247,8 +249,8 @@ def _load(key: str) -> Callable | None:
 def _register_lapack() -> None:
     """Register LAPACK with XLA.
 
-    JAX registers LAPACK when it lowers the first program that needs it. A loaded program is not lowered.
-    Without this registration, it would call a missing function and crash the process.
+    JAX registers LAPACK when it lowers the first program that needs LAPACK. A loaded program is not lowered.
+    Without the registration, a loaded program would call a missing function and crash the process.
     """
     jax.jit(jax.numpy.linalg.cholesky).lower(np.eye(1))
 
@@ -257,8 +259,8 @@ def _write(key: str, compiled: Any) -> None:
     """Store a program under a key, if possible."""
     try:
         content = serialize(compiled)
-        # Some trees of answers cannot be rebuilt after pickling. Rebuilding the tree here raises the error
-        # before such a program is stored.
+        # Some trees of answers cannot be rebuilt after pickling. Rebuilding the tree here raises this error
+        # before the program is stored.
         answers = pickle.loads(pickle.dumps(content[2]))
         jax.tree.unflatten(answers, range(answers.num_leaves))
         store.write(key, pickle.dumps(content))
@@ -285,8 +287,8 @@ _ANNOUNCED = threading.Event()
 
 @contextlib.contextmanager
 def compiling(name: str) -> Iterator[None]:
-    """Register the name of the program that the `with` block compiles, for progress bars. The first
-    compilation in a process that takes more than 2 s is announced in the log."""
+    """Register the name of the program that the `with` block compiles, for progress bars. A log message
+    announces the first compilation in a process that takes more than 2 s."""
     _COMPILING.append(name)
     timer = threading.Timer(_ANNOUNCE_AFTER, _announce)
     timer.daemon = True
@@ -344,7 +346,7 @@ def _runs_on_one_cpu() -> bool:
 
 @contextlib.contextmanager
 def nans_allowed() -> Iterator[None]:
-    """Disable JAX's checks for NaN and inf, because both are valid answers: they mean "none" or "not
+    """Disable JAX's checks for NaN and inf in the `with` block. Both are valid answers, for "none" or "not
     requested"."""
     settings: Any = jax.config
     if settings.jax_debug_nans or settings.jax_debug_infs:
