@@ -62,8 +62,9 @@ class LaneDerivatives(NamedTuple):
 def makes_trials(plan: Plan, options: Options, state: LoopState) -> Flag:
     """Return whether a lane has trials (trial steps) to make.
 
-    A podium with a rigid superstructure or none needs no trials in full contact (σ = 0). It is advanced to
-    its next uplift when finished scenes are exchanged.
+    If the plan skips full contact (`Plan.follows_contact` is False), a podium in full contact (σ = 0) needs
+    no trials. It is advanced to its next uplift when finished scenes are exchanged. Plans skip full contact
+    only for a rigid superstructure or none.
     """
     goes_on = is_running(state, options.max_steps)
     return goes_on if plan.follows_contact else goes_on & (state.sigma != 0)
@@ -73,8 +74,8 @@ def step_functions(plan: Plan, options: Options):
     """Return two functions (scene, state) ↦ state.
 
     The first makes a trial, but returns the state unchanged if there is no trial to make. The second advances
-    a podium without an elastic superstructure from full contact to the next uplift, and returns all other
-    states unchanged.
+    a podium from full contact to its next uplift, but returns the state unchanged if the podium is not in
+    full contact, if the scene has ended, or if the plan does not skip full contact.
     """
 
     def try_step(scene: Scene, state: LoopState) -> LoopState:

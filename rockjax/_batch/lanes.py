@@ -1,9 +1,10 @@
 """Lanes, each of which solves one scene after another.
 
-One call of `advance` processes one chunk of scenes on one core or device. Between calls the lanes keep scenes
-that are still running. Within a call all lanes make trial steps (trials) together. A lane whose scene has
-ended waits. Once enough lanes wait, they store the answers of their scenes and load the next scenes (see
-`exchange.py`).
+One call of `advance` processes one chunk of scenes on one core or device. A chunk is a set of scenes that are
+prepared together. Between calls the lanes keep scenes that are still running. Within a call all lanes make
+trial steps (trials) together. A lane that has no trials to make waits: its scene has ended, or its podium is
+in full contact and is to be advanced to the next uplift without trials. Once enough lanes wait, these podiums
+are advanced, and lanes whose scenes have ended store the answers and load the next scenes (see `exchange.py`).
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from .edge_distance import least_edge_distance
 from .exchange import Answers, DoneScenes, Lanes, Loop, empty_storage, exchange_scenes
 from .scenes import SceneBatch, SceneIndices
 
-WAITING_SHARE = 3 / 32  # scenes are exchanged once this fraction of all lanes waits
+WAITING_SHARE = 3 / 32  # an exchange takes place once this fraction of all lanes waits
 # To skip a sample means to advance to the next sample of a record without a trial (see `skip_sample`). The
 # lanes skip samples while more than 1/SKIPPING_DIVISOR of the running lanes can skip one.
 SKIPPING_DIVISOR = 2
