@@ -4,7 +4,7 @@ One call of `advance` processes one chunk of scenes on one core or device. A chu
 prepared together. Between calls the lanes keep scenes that are still running. Within a call all lanes make
 trial steps (trials) together. A lane that has no trials to make waits: its scene has ended, or its podium is
 in full contact and is to be advanced to the next uplift without trials. Once enough lanes wait, these podiums
-are advanced, and lanes whose scenes have ended store the answers and load the next scenes (see `exchange.py`).
+are advanced, and lanes whose scenes have ended store the answers and load new scenes (see `exchange.py`).
 """
 
 from __future__ import annotations
