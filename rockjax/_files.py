@@ -25,8 +25,8 @@ def write_atomically(path: str | Path, write: Callable[[str], object]) -> Path:
     path = Path(os.path.expanduser(path))
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        # The temporary name keeps the suffix, by which writers choose the format. The prefix is short,
-        # because names have at most 255 bytes.
+        # The temporary name keeps the suffix, because writers choose the format by the suffix. The prefix is
+        # short, because names have at most 255 bytes.
         handle, name = tempfile.mkstemp(prefix=".rockjax-", suffix=path.suffix, dir=path.parent)
     except OSError as error:
         raise OSError(f"{path} could not be written: {error.strerror}") from error

@@ -294,8 +294,8 @@ def _taylor(z: np.ndarray, pole: np.ndarray, length: np.ndarray, terms: np.ndarr
 def _series_of_block(
     load: Load, z: np.ndarray, pole: np.ndarray, block: np.ndarray
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Solve k blocks of pieces together: first the first piece of every block, then the second piece, and so
-    on.
+    """Solve k blocks of pieces together: the first piece of every block, then the second piece of every
+    block, and so on.
 
     - `z`, `pole`: z at the start of each block, before a velocity jump, and λ, shape (k,)
     - `block`: indices of the blocks in the load, shape (k,)

@@ -87,7 +87,7 @@ def code_of(result: RESULTS) -> Int[Array | np.ndarray, "*batch"]:
 
 
 def did_not_finish(code: Any) -> Any:
-    """Return whether a code is the code of a scene that did not finish; elementwise for arrays of codes."""
+    """Return whether a scene with this code did not finish; elementwise for arrays of codes."""
     return code > OVERTURNED
 
 

@@ -19,7 +19,7 @@ class Unit(NamedTuple):
     """A unit."""
 
     dimension: str  # name of the physical quantity
-    factor: float  # size of the unit in SI units; of rates in 1/year, and of return periods in years
+    factor: float  # size of the unit in SI units; for rates in 1/year, for return periods in years
 
 
 UNITS = {

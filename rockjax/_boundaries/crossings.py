@@ -37,7 +37,7 @@ from .refinement import (
     widest_gaps,
 )
 
-# A plane of scenes: (x, y) ↦ (podium, excitation), for scalars, arrays that broadcast, and tracers.
+# A plane of scenes: (x, y) ↦ (podium, excitation). x and y are scalars, arrays that broadcast, or tracers.
 Plane = Callable[[Any, Any], tuple[Podium, AbstractExcitation]]
 
 # Intervals with a larger `curvature_indicator` are refined. In theory an indicator below 1 would suffice.
