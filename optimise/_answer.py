@@ -79,8 +79,8 @@ class Design(Module):
     - `history`: the iterations of all starts. Each has `start`, `iteration`, `x` (scaled variables),
       `objective`, `margin` (the least one), `residual` (of the optimality conditions), `radius` (of the trust
       region), `penalty` (of the violation), `step` (largest change of a scaled variable) and `accepted`.
-      Iterations that correct the design after the verification are included only if targets have fresh
-      samples
+      Iterations that correct the design after an independent sample or the verification are included only if
+      targets have fresh samples
     - `starts`: the outcome of every start, with `variables`, `objective`, `margin`, `satisfied`, `result` and
       `iterations`; `best`: index of the start that gave this design, from 0
     - `bounds`: name → (lowest, highest); `units`: name → unit; `minimised`: name of the objective
@@ -89,8 +89,8 @@ class Design(Module):
     - `standard_errors`: name of each target with fresh samples → standard errors of its margins in an
       independent sample [–]
     - `overturned`: name of the target or objective → number of scenes in which the columns overturn, for
-      targets and objectives whose peaks cover only the time until overturning, if there are such scenes. A
-      scene is one structure under one ground motion
+      targets and objectives whose peaks cover only the time until overturning. Targets and objectives without
+      overturned scenes are left out. A scene is one structure under one ground motion
     """
 
     podium: rj.Podium

@@ -82,9 +82,9 @@ def design(
       of at least `tolerance`. With a `FailureProbability`, a tolerance below 1e-4 is raised to 1e-4
     - `max_iterations`: for every start, the largest number of iterations of `"sqp"`, or the number of steps
       of a gradient transformation, ≥ 1. None means 60 for `"sqp"`, 100 for a transformation, and 300 with
-      `FreshSamples`. This number does not include up to 60 iterations of `"sqp"` after a transformation, and
-      iterations that correct a design after an independent sample or the verification (see
-      `Design.satisfied`)
+      `FreshSamples`. Two kinds of iterations are not counted: up to 60 iterations of `"sqp"` after a
+      transformation, and iterations that correct a design after an independent sample or the verification
+      (see `Design.satisfied`)
     - `progress`: `True` for a progress bar, or any object with a method `update(n)`, which is called with
       n = 1 after each evaluation of all starts
 

@@ -261,8 +261,8 @@ class Evaluator:
     def __call__(self, points: np.ndarray, count: int | None = None) -> list[Evaluation]:
         """Return the evaluations at points (starts, n).
 
-        Objective values are NaN where `check_structure` raises an error. `count` is the number by which
-        `evaluations` increases, without points of descents that have ended; None for all points.
+        Objective values are NaN where `check_structure` raises an error. `count` is the number of
+        points to add to the attribute `evaluations`, without points of starts that have ended; None for all.
 
         If `is_accurate` is True, simulations use the tolerances of verification. The objective, and targets
         without fresh samples, then search for overturning with the `width` (resolution) that the user gave.

@@ -53,7 +53,8 @@ if TYPE_CHECKING:
 
 OUTPUTS = (*DEFAULT_OUTPUTS, "margin")
 POINTS = 1001  # points of each curve
-TIME_AFTER = 12.0  # time drawn after the end of the motion, multiplied by the frequency parameter `Podium.p`
+# Time drawn after the end of the motion, multiplied by the frequency parameter `Podium.p` [–].
+TIME_AFTER = 12.0
 _WIDTH, _ROW_HEIGHT, _DPI = 8.0, 2.0, 80  # width and row height of the picture [in], dots per inch
 PIXEL_RATIO = 2  # width of the PNG divided by its width on the page, for high-resolution screens
 SLIDER_POSITIONS = 500  # largest number of steps of a slider before refinement

@@ -55,9 +55,10 @@ class PeakLimit(AbstractResponseTarget):
     - `limit`: > 0, in the unit of the output; `excitations`: a motion or a list of motions; `name`: name in
       reports, None for a description
 
-    The margin is (limit − peak)/limit. Every mode, story, floor or joint has its own margin for each motion.
-    If the columns overturn, the peak covers only the time until overturning, and the margin is at most the
-    overturning margin, which is negative.
+    The margin is (limit − peak)/limit, except for `"peak_friction"`, which can be infinite;
+    [`optimise.PeakFriction`][] defines its margin. Every mode, story, floor or joint has its own margin for
+    each motion. If the columns overturn, the peak covers only the time until overturning, and the margin is
+    at most the overturning margin, which is negative.
 
     Raises `ValueError` for other limits and outputs. The evaluation raises `ValueError` for a podium that
     does not have the output.

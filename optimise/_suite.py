@@ -24,8 +24,8 @@ Values = Float[Array, " k"]
 class Suite(Module):
     """Ground motions of any types, in groups. One compiled loop simulates each group.
 
-    - `groups`: groups of motions of the same type and shape. All records are in one group; `merged_with`
-      keeps the records of each suite in a group of their own
+    - `groups`: groups of motions of the same type and shape. `Suite.of` puts records of any lengths into one
+      group, a table of samples. `merged_with` does not merge such tables
     - `order`: for each motion, its index in the concatenated groups
     - `fresh_samples`: source of the motions if they are drawn anew in every step of a search for a design,
       otherwise None

@@ -1,5 +1,7 @@
-"""Warnings if the joints do not fulfil the assumptions of the model: the joints do not slide, the beam stays
-on all columns, and the impacts are possible with rigid faces.
+"""Warnings about assumptions of the model that do not hold at the joints.
+
+The model assumes that the joints do not slide, that the beam stays on all columns, and that impacts with the
+restitution of the podium are possible between rigid faces.
 
 Each column has two joints, with the ground and with the beam. docs/forces.md describes the forces in them.
 """

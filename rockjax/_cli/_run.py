@@ -244,8 +244,9 @@ def configure_jax(console: Console) -> None:
 
     if store.enabled() and jax.config.jax_compilation_cache_dir is None:  # pyright: ignore[reportAttributeAccessIssue]
         # Programs that rockjax does not store are kept in JAX's own cache. The setting affects the whole
-        # process, but the process runs only this command. Each version of rockjax has its own folder of this
-        # cache: if JAX loaded a program from it instead of compiling the program, rockjax could not store it.
+        # process, but the process runs only this command. Each version of rockjax has its own folder in this
+        # cache. With a common folder, JAX would load programs that another version has compiled, and rockjax
+        # can store only programs that are compiled in this process.
         jax.config.update("jax_compilation_cache_dir", str(store.root() / "jax" / key.source_hash()[:16]))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
     if console.quiet:

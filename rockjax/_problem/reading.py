@@ -124,8 +124,8 @@ class Reader:
         """Return the podium of a structure.
 
         - `given`: the table of the structure, by ratios or by dimensions
-        - `by_dimensions`: function that makes the result from the keys of a table of dimensions, by default a
-          podium
+        - `by_dimensions`: function that makes the result from the keys of a table of dimensions; by default
+          it makes a podium
         """
         parameters = given.as_arguments("superstructure", "elevation")
         with self.errors_at("structure"):

@@ -129,8 +129,9 @@ def _survival_polygons(
       with NaN
     - `highest`: end of a window that has no upper boundary
 
-    At each frequency, the columns overturn above the first boundary and survive above the second. Windows of
-    survival therefore extend from the second boundary to the third, from the fourth to the fifth, and so on.
+    At each frequency, the columns survive below the first boundary, and the outcome changes at every
+    boundary. Windows of survival therefore extend from the second boundary to the third, from the fourth to
+    the fifth, and so on.
     A window is connected to the overlapping windows at the next frequency. If there are none, it ends
     half-way to the next frequency.
     """

@@ -80,8 +80,8 @@ def quantile_quantile(
     - `output`, `component`: as for `Ensemble.quantiles`
     - `confidence`: confidence level of the intervals of the marked quantiles
 
-    Ensembles with the same distribution follow the dotted diagonal. The curve ends where a quantile of one of
-    the ensembles is infinite because of overturned scenes. Raises `ValueError` unless there are two
+    Ensembles with the same distribution follow the dotted diagonal. Quantiles that are infinite in one of the
+    ensembles, because of overturned scenes, are not drawn. Raises `ValueError` unless there are two
     ensembles, and as `Ensemble.quantiles` does.
     """
     assert ax is not None

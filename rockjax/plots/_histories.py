@@ -209,11 +209,12 @@ def _draw_line(data: xarray.Dataset, values: np.ndarray, label: str, colour: str
 def phase_portrait(response: Response | xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Plot θ̇/(pα) against θ/α: the motion with its jumps at impacts, saddle points and separatrices.
 
-    At the saddle points θ = ±α, the columns are in unstable equilibrium, Eq. (24). With tendons the saddle
-    points are ±θ_s, with the stability angle θ_s (see docs/control.md). The separatrices pass through the
-    saddle points. They are the motions with a rigid superstructure and without ground motion, impacts and
-    dampers. Without tendons and inerters their equation is ½(1+λ+4γ+4η)R²θ̇² = P(α) − P(θ), from Eqs. (18)
-    and (19). P is the potential energy divided by the mass N m_c of all columns.
+    At the saddle points, the columns are in unstable equilibrium. Without tendons, the saddle points are
+    θ = ±α, Eq. (24). With tendons they are ±θ_s, with the stability angle θ_s (see docs/control.md). The
+    separatrices pass through the saddle points. They are the motions with a rigid superstructure and without
+    ground motion, impacts and dampers. Without tendons and inerters their equation is
+    ½(1+λ+4γ+4η)R²θ̇² = P(α) − P(θ), from Eqs. (18) and (19). P is the potential energy divided by the mass
+    N m_c of all columns.
     """
     assert ax is not None
     data = as_history(response)
@@ -291,9 +292,9 @@ def moment_rotation(response: Response | xarray.Dataset, ax: Axes | None = None)
     In full contact (θ = 0) the ratio is −q/q_up ∈ [−1, 1], with the demand q and its threshold q_up, Eq. (9).
     While rocking, the restoring moment is the sum of three moments about the edges: the moments of the
     weights, of the vertical inertia forces with the acceleration of Eq. (15), and of tendons, dampers and
-    inerters, (C22). Divided by the restoring moment at uplift, the moment of the weights is sin ψ/sin α with
-    ψ = α − θ for θ > 0: 1 at θ = 0, and 0 at θ = α. The thick line is the static moment of weights and
-    tendons.
+    inerters, Eq. (C22) of docs/equations.md. Divided by the restoring moment at uplift, the moment of the
+    weights is sin ψ/sin α with ψ = α − θ for θ > 0, if no tendon is prestressed: 1 at θ = 0, and 0 at θ = α.
+    The thick line is the static moment of weights and tendons.
     """
     assert ax is not None
     data = as_history(response)

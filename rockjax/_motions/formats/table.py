@@ -39,7 +39,7 @@ _MAX_ROUNDING = 0.25  # largest deviation of times that counts as rounding, divi
 # `_MAX_ROUNDING`, because the mean step of a long record is accurate despite the rounding.
 _MAX_ROUNDING_LONG = 2.1
 # If the step of coarsely rounded times differs from a multiple of the last digit by less than this fraction,
-# the multiple is the step. Otherwise a few missing rows would look like a slightly longer step.
+# the multiple is the step. Without this rule, a few missing rows would look like a slightly longer step.
 _ROUND_STEP = 0.003
 _MAX_HEADINGS = 3  # largest number of lines of headings
 

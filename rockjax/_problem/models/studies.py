@@ -114,7 +114,8 @@ class _Panels(Keys):
 
 
 class Spectrum(_Panels):
-    """Table of `rockjax spectrum`. By default, the structure of the file is the only panel of the plot."""
+    """Table of `rockjax spectrum`. The plot has one panel if the file has a structure and sets
+    neither `eta_over_gamma` nor `T_s`."""
 
     acceleration_ratio: Amplitudes = key((1.0, 12.0), "Range of a_p/(g tan α) [–].", GRID, "--acceleration")
     points: Points = key(100, "Points along each axis.", GRID)
