@@ -31,7 +31,8 @@ def sliding_demand(motion: Motion, capacity: float) -> tuple[float, float]:
     """Return the largest spectral acceleration with 10 % damping [m/s²], and the frequency f_es [Hz].
 
     The spectrum is searched at periods from 2 dt to 10 s, with the sampling interval dt of the motion. f_es
-    is the lowest frequency at which it reaches `capacity`, or nan if it is below `capacity` everywhere.
+    is the lowest frequency at which the spectrum reaches `capacity`, or nan if the spectrum is below
+    `capacity` everywhere.
 
     - `motion`: ground motion
     - `capacity`: capacity c_s for sliding [m/s²]

@@ -1,6 +1,7 @@
 """Base class and results of the simplified methods of practice.
 
-The methods are Eqs. (P1) to (P7) of docs/practice.md. That page also explains their stable solutions.
+The methods are Eqs. (P1) to (P7) of docs/practice.md. That page also explains the stable solutions of (P3),
+(P4) and (P5), the methods that compute a rotation.
 """
 
 from __future__ import annotations

@@ -163,8 +163,8 @@ def leaf_directions(
     count, split = len(problem.variables), problem.split_derivatives
     of_podium = jax.tree.leaves(split if with_elevation else split.without_elevation())
     # Each leaf of the motion is constant or proportional to the factor on the motion. Its change from factor
-    # 1 to factor 2 is therefore its derivative. For a leaf with several values, the mean makes one number,
-    # which is not used.
+    # 1 to factor 2 is therefore its derivative. The derivative of a leaf with several values is not used; the
+    # mean is a placeholder.
     original, doubled = (jax.tree.leaves(excitation.scaled(factor).common_form()) for factor in (1.0, 2.0))
     of_motion = [np.mean(np.asarray(z) - np.asarray(y)) for y, z in zip(original, doubled, strict=True)]
     return [np.append(np.asarray(y), 0.0) for y in of_podium] + [

@@ -1,4 +1,4 @@
-"""Entries, which are tables `[[checks]]` and `[[targets]]` of a problem file, and the keys of all entries."""
+"""Entries (tables `[[checks]]` and `[[targets]]` of a problem file), and the keys of all kinds of checks."""
 
 from __future__ import annotations
 

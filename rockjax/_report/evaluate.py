@@ -44,7 +44,7 @@ def evaluate(
       which a later call continues
     - `progress`: object with the methods `update(number_of_scenes)` and `describe(text)`; None shows nothing
 
-    Returns an [`rockjax.Evaluation`][]. Raises `ValueError` for a problem file that is invalid or cannot be
+    Returns a [`rockjax.Evaluation`][]. Raises `ValueError` for a problem file that is invalid or cannot be
     read, and for unknown names in `skip`. Raises `OSError` if NAME.partial.nc cannot be written.
     """
     if isinstance(problem, str | Path):

@@ -31,8 +31,8 @@ class Check:
       `value` is infinite, `text` states the event that it stands for
     - `text`: text that is shown if the value is not finite, such as "overturned at 5.85 s"; otherwise ""
     - `state`: meaning of `text` for programs, one of `tables.STATES`; "" without a text
-    - `utilisation`: U = value/limit, or limit/value for a minimum [–]; inf if overturning or an open joint
-      makes the value infinite, NaN if there is no value
+    - `utilisation`: U = value/limit, or limit/value for a minimum [–]. inf if overturning or an open joint
+      makes the value infinite, and for a value ≤ 0 below a minimum; NaN if there is no value
     - `governing`: index of the motion or pulse with the governing value; None if the check was not made or
       has a single value
     - `location`: storey, joint, mode, block or time of the governing value; "" for none
@@ -40,7 +40,7 @@ class Check:
     - `sensitivities`: input y → derivative d ln U/d ln y; "motion" is the factor on the motions. If there are
       no derivatives, `no_slopes` is the reason
     - `spread`: input → (U with the input decreased, U with the input increased); empty if not computed. U is
-      NaN if the changed input is not valid, or if a scene with the change has no answer
+      NaN if the changed input is not valid, or if there is no value
     - `laws`: law of impact → (U, result), where violated assumptions are ignored; empty if not computed
     """
 
@@ -104,7 +104,7 @@ class Evaluation:
     - `checks`: a `Check` for every entry of `[[checks]]` and `[[targets]]`
     - `assumptions`: set of motions → id of the assumption, such as `"A7"` → result of its test, or a text
       that states why it was not tested. The result has the fields `violated` (a boolean for each scene),
-      `worst` and `text`. Sets without a check whose `values` are present are left out
+      `worst` and `text`. A set is left out if no check of this set has `values`
     - `skipped`: the argument `skip` of `evaluate`
     - `make_tables`: function that returns the tables of an evaluation
     """

@@ -166,8 +166,10 @@ class Problem:
 
     @property
     def split_derivatives(self) -> Podium:
-        """The derivatives in the form of `leaf_derivatives`, in place of the leaves of `podium.split_rows()`.
-        This podium has tuples of numbers in place of arrays over columns, modes or stories."""
+        """`podium.split_rows()` with derivatives in place of its leaves, in the form of `leaf_derivatives`.
+
+        `split_rows` turns arrays over columns, modes or stories into tuples of numbers.
+        """
         return self._derivatives[1]
 
     @functools.cached_property

@@ -105,7 +105,7 @@ def report(
 ) -> Report:
     """Return the design report of a problem. The function cannot be called inside `jax.jit`.
 
-    - `problem`: path of a problem file, a [`rockjax.Problem`][], or an [`rockjax.Evaluation`][]
+    - `problem`: path of a problem file, a [`rockjax.Problem`][], or a [`rockjax.Evaluation`][]
     - `output`: path of the page, NAME.html; None writes nothing. NAME.json (all numbers in SI) and NAME.nc
       (all scenes) are written beside the page. Scenes that NAME.nc already has are not solved again. If
       `problem` is an `Evaluation`, its scenes are not written to NAME.nc, but to the `store` of the call of

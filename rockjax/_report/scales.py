@@ -57,7 +57,7 @@ def least_factors(scenes: Scenes, name: str, event: str) -> xarray.Dataset:
     be missed.
 
     Raises `ValueError` for a motion without horizontal acceleration, and `RuntimeError` if the least uplift
-    factor is too small to be found. Both apply to uplift only.
+    factor is too small to be found. Both errors occur for "uplift" only.
     """
     return scenes.store.get(*_stored_search(scenes, name, event))
 
@@ -162,7 +162,7 @@ def _window_ends(plane: Plane, factors: np.ndarray, options: Options) -> tuple[n
     window of overturning begins, each of shape (motions,). A factor that was not found is NaN.
 
     - `plane`: result of `_scaled_motions`
-    - `factors`: the least overturning factors, (motions,); inf for a motion that overturns at no factor
+    - `factors`: the least overturning factors, (motions,); inf where none was found
     - `options`: options of the scenes
     """
     overturning = np.flatnonzero(np.isfinite(factors))  # indices of the motions

@@ -145,7 +145,8 @@ class Scenes:
         return self.store.get(*self._stored_peaks(name, law if law in self.laws else None, factor))
 
     def _stored_peaks(self, name: str, law: str | None = None, factor: float = 1.0) -> Stored:
-        """Return the arguments of `Store.get` for the peaks of a set without changed inputs."""
+        """Return the arguments of `Store.get` for the peaks of a set. The inputs of the structure are
+        unchanged; `law` may replace its law of impact."""
         motions, options, on_floors = self.motion_set(name), self.options(name), self.on_floors(name)
         podium = _with_given_restitution(self.podium(law))
         inputs_hash = fingerprint(podium, motions.identities, options, on_floors, factor)

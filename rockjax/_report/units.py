@@ -202,7 +202,7 @@ def to_si(
 
 
 def unit_of_kind(unit: str, kind: str, *, owner: str = "unit", subject: str = "") -> str:
-    """Return the name in `KINDS` of the unit `unit`, as a user has written it, after checking its kind.
+    """Return the name in `KINDS` of a unit that a user has written, if it is a unit of `kind`.
 
     - `unit`, `kind`, `owner`, `subject`: as for `to_si`
 

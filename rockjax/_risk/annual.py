@@ -170,8 +170,8 @@ def _limited_probability(
 
     - `curve`: the fragility curve
     - `x`: intensities, shape (n,)
-    - `limits`: limits of the curve. Below the limit `constant_below`, the fragility is constant. As in
-      `integral.integrate_lognormal`, it is 0 below both this limit and `first`
+    - `limits`: limits of the curve. As in `integral.integrate_lognormal`, the fragility is constant from
+      `first` up to the limit `constant_below`, and 0 below both
     - `first`: first intensity of the hazard curve
     """
     low, high = limits.constant_below or 0.0, limits.constant_above or np.inf
@@ -261,8 +261,8 @@ def _frequency_of_analysis(owner: str, analysis: xarray.Dataset, hazard: Hazard)
 def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -> xarray.Dataset:
     """Return the contribution of each intensity to the annual frequency.
 
-    The contribution is the density F(x) |dλ/d ln x| divided by the frequency λ_f. The integral of this
-    density over all ln x is 1.
+    The contribution is the density F(x) |dλ/d ln x|/λ_f, with the frequency λ_f. Its integral over all ln x
+    is 1.
 
     - `curve`: a [`rockjax.Lognormal`][], or a dataset of [`rockjax.fragility`][] or
       [`rockjax.read_fragility_model`][]

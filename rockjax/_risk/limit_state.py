@@ -107,8 +107,8 @@ class FunctionLimitState(AbstractLimitState):
     def _gradients(self, u):
         value, slope = evaluate_padded(u, self._jitted_value_and_grad)
         # If G uses `jnp.min`, compiled code may return a zero gradient: the derivative of `jnp.min` looks for
-        # the entry that equals the minimum, and finds none if both are rounded differently. Outside jit the
-        # entry is found, so zero gradients are computed again there.
+        # the entry that equals the minimum, and finds none if the entry and the minimum are rounded
+        # differently. Outside jit the entry is found, so zero gradients are computed again there.
         is_zero = ~slope.any(axis=1)
         if is_zero.any():
             outside_jit = self._value_and_grad(jnp.asarray(u[is_zero]))

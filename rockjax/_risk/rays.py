@@ -44,9 +44,8 @@ TRIALS = 12  # largest number of trial factors on u; each trial is a subset simu
 TRIAL_SAMPLES = 200  # number of samples of a level in a trial
 TRIAL_SHARE = 0.1  # share of these samples that passes to the next level
 UNREFINED = Division(rounds=0)  # crossings are not narrowed down
-REFINED = Division(
-    rounds=4, parts=4, root_offset=0.01, min_share=0.03
-)  # makes crossings accurate enough for the start of Newton's method
+# Makes crossings accurate enough for the start of Newton's method.
+REFINED = Division(rounds=4, parts=4, root_offset=0.01, min_share=0.03)
 SHARP = Division(rounds=3, parts=16)  # for crossings at which a Newton step fails and G may jump
 MAX_WEIGHT = 5.0  # largest weight of a ray, divided by the median weight
 JUMP_STEP = 1e-4  # G is taken to jump at a crossing if the last Newton step exceeds this share of r

@@ -273,7 +273,7 @@ _slopes = StoredProgram(_value_and_slopes)
 def _by_location(*slopes: Any) -> dict[str, np.ndarray]:
     """Return derivatives, shape (k,) each, by the locations of the parameters.
 
-    - `slopes`: trees of parameters, with the derivatives at k points in place of a parameter, shape (k, …)
+    - `slopes`: trees of parameters, with its derivatives at k points in place of each parameter, shape (k, …)
 
     Locations are in Python notation: `alpha`, `restrainers[0].prestress`, `superstructure.masses[2]`.
     """

@@ -43,8 +43,8 @@ class Job(NamedTuple):
 
         - `k`: index of the chunk
         - `threads`: number of CPU threads; not used if `devices` are given
-        - `devices`: JAX devices, as for [`rockjax.sweep`][]. If both are None, all accelerators are used, or
-          all CPU cores if there are no accelerators
+        - `devices`: JAX devices, as for [`rockjax.sweep`][]. If `threads` and `devices` are both None, all
+          accelerators are used, or all CPU cores if there are no accelerators
 
         Returns the row of the chunk in the store.
         """

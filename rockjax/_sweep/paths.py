@@ -69,7 +69,7 @@ def atomic_folder(path: str) -> Iterator[str]:
         return
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
-    # The name does not contain that of the target, because names have at most 255 bytes.
+    # The name of the target is not a part of the temporary name, which could then exceed 255 bytes.
     temporary = tempfile.mkdtemp(prefix=".sweep-", dir=target.parent)
     try:
         yield temporary

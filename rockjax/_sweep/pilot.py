@@ -25,8 +25,8 @@ SCENES_PER_SAMPLE = 50  # one of this number of scenes is sampled, within the li
 # Shortest and longest wall time of a chunk [s]. With shorter chunks, writing their files would take a large
 # share of the time. With longer chunks, a failure would lose more work.
 CHUNK_SECONDS = 2.5, 10.0
-# Smallest number of chunks per core, unless chunks would take less than the shortest wall time. With more
-# chunks, fewer cores are idle at the end.
+# Smallest number of chunks that each core helps to solve, unless chunks would take less than the shortest
+# wall time. With more chunks, fewer cores are idle at the end.
 CHUNKS_PER_CORE = 8
 
 

@@ -38,7 +38,7 @@ STATISTICS_OF_MINIMA = STATISTICS | {"max": "least", "p84": "16 % quantile"}
 class Values(NamedTuple):
     """The n values of a check: one value for each case, or a single value (n = 1) for all cases.
 
-    - `values`: (n,) [SI]; ±inf where a text replaces the number
+    - `values`: (n,) [SI]; ±inf where a text replaces the number. A scene that did not finish may have NaN
     - `errors`: (n,) estimated errors [SI]; NaN or inf where unknown
     - `texts`: (n,) texts that replace numbers, such as "overturned at 5.85 s"; "" for numbers
     - `locations`: (n,) storey, joint or time of each value; "" for none
@@ -75,8 +75,7 @@ def statistic_of(values: Values, statistic: str, is_minimum: bool) -> tuple[floa
 
     The largest value governs, or the least for a minimum.
 
-    - `values`: values of a check, NaN for scenes without an answer. A NaN cannot govern, but it makes the
-      mean, the median and the quantile NaN
+    - `values`: values of a check. A NaN cannot govern, but it makes the mean, the median and the quantile NaN
     - `statistic`: "max" (the governing value), "mean", "median" or "p84" (the 84 % quantile, or the 16 %
       quantile for a minimum)
     - `is_minimum`: whether the value must be at least the limit

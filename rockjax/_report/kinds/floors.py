@@ -34,8 +34,8 @@ if TYPE_CHECKING:
 class FloorKind(Kind):
     """A check of blocks or oscillators on floors. The value is the largest of their peaks.
 
-    - `table`: name of the tables of the problem file that define the blocks or oscillators. A key of the
-      check has the same name. It lists the names of the checked blocks or oscillators, by default of all
+    - `table`: name of the tables of the problem file that define the blocks or oscillators. A check lists the
+      names of its blocks or oscillators under a key of the same name; by default it has all
     - `dim`: dimension of the blocks or oscillators in datasets
     - `peak`: name of the peak, such as "peak_rotation"; `symbol`: symbol of the peak in headings
     """

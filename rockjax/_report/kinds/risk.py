@@ -135,8 +135,8 @@ class AnnualKind(FragilityKind):
         """Return a dataset of the annual frequency.
 
         It has `frequency` [1/year], `return_period` [years], `probability` within the years of `[risk]` [–],
-        the share `extrapolated` that comes from beyond the hazard curve [–], and `sensitivity`, the
-        derivatives of ln `frequency` [–].
+        the share `extrapolated` that comes from beyond the hazard curve [–], and `sensitivity` along
+        `parameter`, which has the derivatives in `AnnualFrequency.sensitivities` [–].
         """
         import xarray
 

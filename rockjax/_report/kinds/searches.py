@@ -182,9 +182,8 @@ class PulseKind(Kind):
         pulse = entry.arguments["pulse"]
         periods = np.atleast_1d(entry.arguments["T_p"])
         pulses = [pulse(float(a), float(T)) for a, T in zip(amplitudes, periods, strict=True)]
-        options = scenes.options(
-            ""
-        )  # no set has the name "", so the outputs that checks of sets need are left out
+        # No set has the name "", so the outputs that checks of sets need are left out.
+        options = scenes.options("")
         return scenes.peaks_under(f"boundary.{entry.id}", options, pulses)
 
     def scope(self, entry: Entry, problem: Problem) -> str:

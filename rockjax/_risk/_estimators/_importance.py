@@ -2,11 +2,11 @@
 
 Failure is G(u) ≤ 0, with the limit state function G of a vector u of independent standard normal numbers. The
 samples u have the density h(u) = Σ w_i φ(u − u_i) + w_0 φ(u), a mixture of standard normal densities φ
-around the design points u_i and around the origin. Half of the sum of the w_i is divided among the design
-points in proportion to Φ(−β_i), with the distances β_i = |u_i| and the standard normal distribution function
-Φ. The other half is divided equally. The weight of a sample is its likelihood ratio φ(u)/h(u). Because φ
-itself is part of the mixture, no weight exceeds 1/w_0. The weights depend only on the projections of u on the
-design points, so they do not degenerate in high dimensions.
+around the design points u_i and around the origin. The design points share the weight 1 − w_0: half of it in
+proportion to Φ(−β_i), with the distances β_i = |u_i| and the standard normal distribution function Φ, and
+half of it equally. The weight of a sample is its likelihood ratio φ(u)/h(u). Because φ itself is part of the
+mixture, no weight exceeds 1/w_0. The weights depend only on the projections of u on the design points, so
+they do not degenerate in high dimensions.
 
 If failure is unrelated to the design points, as often in rocking, the weights of failing samples have a heavy
 tail: a few samples dominate the sum. To detect this, a generalised Pareto distribution is fitted to the

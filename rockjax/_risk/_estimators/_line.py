@@ -88,8 +88,8 @@ class Line(AbstractEstimator):
             self._scan_positions(low, max(HALF_LENGTH, b + FINE_RANGE), float(b)) for low, b in pairs
         ]
         crossed = find_crossings(self.limit, lines.u, direction, positions)
-        # A failing segment ends at a crossing or at the end of the line. Beyond ±HALF_LENGTH, G is assumed to
-        # keep its sign.
+        # The boundary of the region cuts off failing segments. G is assumed to keep its sign below
+        # −HALF_LENGTH and above the last position.
         line_probability = np.where(lines.low <= -HALF_LENGTH, 1.0, scipy.stats.norm.sf(lines.low))
         probability = np.where(crossed.fails_first, line_probability, 0.0)
         np.add.at(

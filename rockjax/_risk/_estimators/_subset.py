@@ -7,8 +7,8 @@ and accepts the move if the new G does not exceed the level. Moves follow condit
 al. 2015): u' = √(1 − s²) u + s ξ, with the size s of the move and standard normal ξ. Each component of u
 moves with the probability 1/4. If u has fewer than 40 components, the probability is higher, so that ten move
 on average, or all if there are at most ten. Long moves of few components decorrelate the samples sooner than
-short moves of all components. A run ends at the level 0. It ends without failure after `MAX_LEVELS` levels,
-and if all samples of a level have the same G.
+short moves of all components. A run ends at the level 0. It ends without failure if it does
+not reach this level within `MAX_LEVELS` levels, or if all samples of a level have the same G.
 
 The samples of a run are correlated within their chains and across levels. The error that is estimated from
 one run neglects the correlation across levels, so it serves only as a lower bound. Therefore a round consists
