@@ -44,14 +44,16 @@ from .scenes import NO_SCENES, SceneBatch, SceneIndices, broadcast
 # Number of lanes per core. These lanes fill the vector unit, and their data fit into the first-level cache.
 LANES = 32
 CHUNK = 1024  # number of scenes in a chunk
-# Number of scenes per lane for which a thread is started, if scenes are quick (see `SceneBatch.is_quick`).
+# A small batch uses one thread for each `LANES` scenes, rounded up. If the scenes are quick (see
+# `SceneBatch.is_quick`), it uses one thread for each `QUICK_SCENES_PER_LANE * LANES` scenes.
 QUICK_SCENES_PER_LANE = 5
 
 # Values for accelerators, which have far more arithmetic units than a core.
-ACCELERATOR_LANES = (1024, 32768)  # least and largest number of lanes; fewer lanes if records are long
+# Least and largest number of lanes of a device. For long records, `ACCELERATOR_VALUES` allows fewer lanes.
+ACCELERATOR_LANES = (1024, 32768)
 ACCELERATOR_CHUNK = 4  # number of scenes in a chunk, per lane
-# Largest number of samples of records in all lanes together. With long records, the number of lanes is halved
-# until this limit is met.
+# Largest number of samples of records in all lanes of a device together. With long records, the number of
+# lanes is halved until this limit is met.
 ACCELERATOR_VALUES = 2**26
 
 _BAR_LOCK = threading.Lock()  # several threads and batches may update one progress bar
@@ -231,10 +233,12 @@ def raw_responses(
 
 
 class Tally(NamedTuple):
-    """Numbers of trials (trial steps of single lanes), to measure how well the lanes are used."""
+    """Numbers of trials (trial steps of single lanes), to measure how well the lanes are used. The used
+    fraction of all lanes is `useful`/(`possible` · number of devices); threads on a CPU have one device."""
 
-    useful: int  # number of trials that advanced a scene, on all devices
-    # Number of trials in all lanes of the device with the most trials, including lanes without a scene.
+    useful: int  # number of trials that advanced a scene, summed over all threads and all devices
+    # Number of trials of a single device, summed over the threads. Lanes without a scene count as well. In
+    # each call of the program, the device with the most trials counts, because the other devices wait for it.
     possible: int
 
 
@@ -360,8 +364,8 @@ def _chunks(
 ) -> Iterator[SceneIndices]:
     """Yield the chunks of a batch. Successive scenes take about the same time. They belong to different
     chunks, so that all threads end at about the same time."""
-    # A further thread is started for each further `scenes_per_thread` scenes. This number is larger for quick
-    # scenes, because starting a thread takes longer than a few quick scenes.
+    # One thread is used for each `scenes_per_thread` scenes, rounded up. This number is larger for quick
+    # scenes, because starting a thread takes longer than solving a few quick scenes.
     scenes_per_thread = (
         lane_layout.lanes * executor.devices * (QUICK_SCENES_PER_LANE if scenes.is_quick else 1)
     )

@@ -40,7 +40,7 @@ class DoneScenes(NamedTuple):
     floats: dict[str, jax.Array]  # floating-point answers
     integers: dict[str, jax.Array]  # answers that are integers or flags
     used: jax.Array  # number of scenes that have ended
-    trials: jax.Array  # number of trials (trial steps) that all lanes have made together
+    trials: jax.Array  # number of trials (trial steps); a trial that all lanes make together counts once
     useful: jax.Array  # number of trials that advanced a scene, summed over all lanes
     running: jax.Array  # number of lanes that still hold a scene
 

@@ -49,8 +49,8 @@ class AbstractExecutor(abc.ABC):
 
         If lanes take further scenes (`LaneLayout.refill`) and another chunk follows, a call of the program
         ends when all scenes of its chunk have been loaded. Otherwise the call ends when all scenes have
-        ended. On a CPU with refilled lanes, the call then ends after about `MAX_LAST_TRIALS` trial steps even
-        if some scenes have not ended.
+        ended. There is one exception: on a CPU with refilled lanes, a call for the last chunk ends after
+        about `MAX_LAST_TRIALS` trial steps, and further calls finish the scenes.
 
         Successive scenes take about the same time. They go to different devices, so that all devices end at
         about the same time. Every device has its own lanes and counters.

@@ -221,9 +221,10 @@ def replay(
     - `decisions`, `count`: recorded decisions, arrays of length `max_steps`, and their number
     - `capacity`: number of nodes to store; None stores none
 
-    Returns the final state, and the nodes or None. Reverse mode computes steps again from checkpoints. The
-    two passes round differently, so a step might be accepted in the first and rejected in the second. States
-    and cotangents would then belong to different times. The recorded decisions prevent this.
+    Returns the final state, and the nodes or None. Reverse mode computes every step a second time, from
+    checkpoints. The two computations round differently, so without recorded decisions a step might be
+    accepted in the first and rejected in the second. States and cotangents would then belong to different
+    times.
 
     Checkpoints have two levels: one before each block of about √`max_steps` steps, and one before each step
     of the block that is being computed again. A checkpoint contains only the state. More levels or more data

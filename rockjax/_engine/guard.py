@@ -148,8 +148,8 @@ def _paths(
     past the end.
 
     In full contact `demand_jet` computes the derivatives of the guard in time. The cubic matches value, slope
-    and curvature of the guard at the end of the step exactly. Over a very short step the quintic does not,
-    because its slopes are differences of nearly equal numbers.
+    and curvature of the guard at the end of the step exactly. Over a very short step, the slopes and
+    curvatures of the quintic are inaccurate, because they are differences of nearly equal numbers.
     """
     c, sigma = scene.c, state.sigma
     angle = tuple(sigma * y for y in (state.x[0], state.v[0], a0[0], end.x[0], end.v[0], end.a[0]))

@@ -59,8 +59,9 @@ def plan_for(
     rotation = PeakRotation(requested="peak_rotation" in requested)
     others = [output for name, output in requested.items() if name != "peak_rotation"]
     outputs = (rotation, *others, *extra_outputs)
-    # A history stores every step, so neither bounces nor samples are skipped. The steps that skip samples
-    # have order 8, so they are used only if the requested method has at least order 7.
+    # A history stores every step, so neither bounces nor samples are skipped. To skip a sample means to cross
+    # the sampling interval with a single step of order 8, without a trial step. Samples are therefore skipped
+    # only if the requested method has at least order 7.
     eligible = [] if elastic else ["rest"] if history else ["rest", "bounces", *["samples"] * (tab.order > 6)]
     # With restrainers or vertical ground motion, joint forces in skipped parts cannot be computed.
     if (vertical or podium.restrainers) and any(output.needs_simple_contact for output in outputs):
@@ -85,10 +86,11 @@ IMPACTS_LATER, MAX_REST_FACTOR, MIN_REST_FACTOR, LITTLE_LOSS = 3, 0.5, 1e-4, 100
 # most LANDING · √rtol and at most MAX_LANDING. A Taylor expansion at the end of the step then carries the
 # state to the event.
 LANDING, MAX_LANDING = 10.0, 0.02
-# If a breakpoint of the ground motion (a jump or kink) is less than two proposed steps away, the first
-# solution takes one step or two equal steps to it. In the second solution, the first step covers a third of
-# the distance, so that the errors differ. The second solution does so even if the proposed step is longer
-# than the distance, but not if it is more than UNSPLIT_SECOND times as long.
+# A breakpoint of the ground motion (a jump or kink) may be less than two proposed steps away. The first
+# solution then takes two equal steps to the breakpoint, or a single step if the proposed step is at least as
+# long as the distance. The second solution takes other steps, so that the errors differ: its first step
+# covers a third of the distance. It takes a single step only if the proposed step is equal to the distance
+# (within 0.1 %) or more than UNSPLIT_SECOND times as long.
 SPLIT, SPLIT_SECOND, UNSPLIT_SECOND = 0.5, 1 / 3, 2.0
 LANDING_SECOND = 0.1  # factor on the landing fraction in the second solution, so that landing errors differ
 
@@ -181,7 +183,8 @@ def _rest_speed(c: Coefficients, options: Options) -> Value:
     relative = options.rtol if options.rest_velocity is None else options.rest_velocity
     e = jnp.clip(c.restitution, 0.0, 1.0)
     factor = jnp.clip(e**IMPACTS_LATER, MIN_REST_FACTOR, MAX_REST_FACTOR)
-    if c.vibration is None:  # a vibrating superstructure also takes energy from the columns
+    # A vibrating superstructure takes energy from the columns even if impacts take little speed.
+    if c.vibration is None:
         factor = jnp.where(1 - e < LITTLE_LOSS * options.rtol, MIN_REST_FACTOR, factor)
     return relative * c.p * c.alpha * _by_solution(options, factor, 1.0)
 

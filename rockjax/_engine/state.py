@@ -123,7 +123,8 @@ class LoopState(NamedTuple):
     overturn_time: Value  # time of overturning [s]; NaN before
     impacts: Index  # number of impacts so far
     min_impact_speed: Value  # least |θ̇| just before an impact so far [rad/s]; inf without impacts
-    # The same for the impacts before the largest rotation [rad/s]; inf without such impacts.
+    # Least |θ̇| just before those impacts that precede the largest rotation so far [rad/s]; inf if there are
+    # none.
     min_impact_speed_before_peak: Value
     steps: Index  # number of accepted steps
     rejected: Index  # number of rejected steps
@@ -155,8 +156,8 @@ def differentiated_fields(state: LoopState) -> dict[str, Any]:
 
 
 class Decision(NamedTuple):
-    """All choices of an accepted step. With them, another program can repeat the step although it rounds
-    differently."""
+    """All choices of an accepted step. With them, another program can repeat the step although that program
+    rounds differently."""
 
     h: Value  # length of the step [s]
     reaches_stop: Flag  # the step ends at the next breakpoint or at the end of the scene

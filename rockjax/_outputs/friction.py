@@ -61,7 +61,8 @@ def steepest(tangential: Course, axial: Course, span: Span, accumulator: Force) 
     The function finds the maximum of this difference, takes the force there as the new (T_0, N_0), and finds
     the maximum again. Such searches converge quadratically to the steepest force (Dinkelbach's method), so
     two suffice. The next trial ends at the maximum, unless the maximum is close to an end of the step. If no
-    force inside the step is steeper than the reference force, the result is the steeper force at an end.
+    force inside the step is steeper than the reference force, the result is the steeper one of the forces at
+    the ends.
     """
     constant, h = jax.lax.stop_gradient, span.h
 

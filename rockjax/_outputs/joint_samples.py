@@ -55,8 +55,8 @@ class SampleForces(NamedTuple):
                 [n - n_mean for n in forces.axial[1]]
                 for forces, n_mean in zip((start, end), mean, strict=True)
             ]
-            # Bounds on |tan ψ|, h|d tan ψ/dt| and h²|d² tan ψ/dt²|. `leaning` then bounds h² times the second
-            # derivative of tan ψ times the difference between N of a column and the mean N, (F9).
+            # Bounds on |tan ψ|, h|d tan ψ/dt| and h²|d² tan ψ/dt²|. Let ΔN be N of a column minus the mean N,
+            # (F9). `leaning` bounds h²|d²(ΔN tan ψ)/dt²|.
             tan, per_angle = c.sin_alpha / c.cos_alpha, 1 / c.cos_alpha**2
             tan_rate = beam.first * per_angle
             tan_curvature = (beam.second + 2 * tan * beam.first**2) * per_angle

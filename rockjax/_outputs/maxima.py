@@ -173,9 +173,9 @@ def largest(
       `accumulator` has the same form
     - `of_joints`: whether f is a force in a joint
 
-    If f turns twice in the step, and one of both extrema or the value at an end may exceed the accumulator,
-    the next trial ends between the extrema, whatever `shortens_step` is. Forces in the joints have a stricter
-    condition: one of the extrema itself may exceed the accumulator, and exceeds 99 % of the larger value at
+    If f turns twice in the step, and one of the two extrema or the value at an end may exceed the
+    accumulator, the next trial ends between the extrema, whatever `shortens_step` is. Forces in the joints
+    have a stricter condition: an extremum itself may exceed the accumulator and 99 % of the larger value at
     the ends. If a force grows by orders of magnitude in a step, its polynomial may turn twice although the
     force does not. The stricter condition then avoids a shorter step.
     """

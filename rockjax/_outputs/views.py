@@ -105,11 +105,12 @@ class Span(NamedTuple):
 
     - `h`: length of the step
     - `long`: whether the step is long enough for accurate curvatures of polynomials (`hermite.is_long`)
-    - `before`: time from the start of the step to the event or breakpoint there; its value is zero
-    - `after`: time from the end of the step to the event or breakpoint there; its value is zero, or small if
+    - `before`: time from the start of the step to the event or breakpoint there. Its value is always zero;
+      only its derivatives are used
+    - `after`: time from the end of the step to the event or breakpoint there. Its value is zero, or small if
       the step ends close to an event
 
-    `before` and `after` are not held constant under differentiation.
+    `before` and `after` have the derivatives of the times of these events and breakpoints.
     """
 
     h: Value
@@ -374,7 +375,7 @@ class Step:
         Over a very short step, the slopes of the quintic are differences of nearly equal numbers. The time
         then follows from the speeds and accelerations at both ends. The derivative of the time with respect
         to a parameter is −θ̇'/θ̈ at the turning point, where θ̇' is the derivative of θ̇ with respect to the
-        parameter. The function interpolates the quotient θ̇'/θ̈ between both ends of the step: a damper with a
+        parameter. In a very short step, the quotient θ̇'/θ̈ is interpolated between both ends: a damper with a
         small exponent changes θ̇' and θ̈ suddenly near the turning point, but not their quotient.
         """
         constant = jax.lax.stop_gradient
@@ -474,8 +475,9 @@ class Rest:
 
     - `scene`: the prepared scene
     - `start`, `end`: times between which the columns rest, not held constant under differentiation [s]
-    - `excluded`: duration before `end` that is left out, so that the rest does not include the ground
-      acceleration after a jump at `end` [s]; 0 unless the ground acceleration jumps there
+    - `excluded`: duration before `end` that is left out [s]. If the ground acceleration jumps at `end`, its
+      value at `end` is already that after the jump, and does not belong to the rest. Without a jump,
+      `excluded` is 0
     """
 
     def __init__(self, scene: Scene, start: Value, end: Value, excluded: Value):

@@ -30,7 +30,9 @@ class Skipped(NamedTuple):
 
     to_rest: Flag  # the bounces are skipped, and the columns rest
     impacts: Index  # number of skipped impacts; 0 unless `to_rest`
-    min_impact_speed: Value  # least |θ̇| before this impact or a skipped impact [rad/s]
+    # Least |θ̇| before this impact and the skipped impacts [rad/s]. For the last skipped impact, the upper
+    # bound `Scene.min_impact_speed` is used.
+    min_impact_speed: Value
 
 
 def skipped_bounces(
