@@ -1,4 +1,4 @@
-"""Draw the picture of `modes.md` and prints its table: `python docs/modes.py`.
+"""Draw the picture of `modes.md` and print its table: `python docs/modes.py`.
 
 The building has five stories and stands on a podium or on a fixed base.
 """
