@@ -1,7 +1,7 @@
 """Checks of arguments, and conversion of arguments to arrays.
 
 Only concrete values are checked. Values that `jax.jit`, `jax.vmap` or `jax.grad` traces pass unchecked. If a
-traced value is invalid, the `result` of the scene may show it, for example for NaN, but most invalid values
+traced value is invalid, for example NaN, the `result` of the scene may show it, but most invalid values
 remain unnoticed. Messages begin with the class or function (`owner`), or with the argument (`label`, `name`).
 """
 

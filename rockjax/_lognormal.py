@@ -21,7 +21,7 @@ from rockjax._checks import array_module
 MIN_DISPERSION = 1e-4  # capacities with a smaller dispersion have no fit
 # Counts with a larger dispersion have no fit: the 84 % fractile would be e⁶ = 400 times the 16 % fractile.
 MAX_DISPERSION = 3.0
-MIN_RISE = 1e-9  # a smaller increase of the share of events with the level counts as rounding
+MIN_RISE = 1e-9  # a value of `rise` (see `fit_counts`) up to this counts as rounding
 
 
 class Lognormal(NamedTuple):
@@ -96,7 +96,8 @@ def fit_counts(x: Float[Array, " m"], events: Float[Array, " m"], trials: Float[
     search fails. The likelihood has no maximum in three cases:
 
     - All motions or none cause the event.
-    - The lowest level with an event is not below the highest level at which a motion does not cause it.
+    - The lowest level with an event is not below the highest level at which a motion does not cause the
+      event.
     - The share of events does not increase with the level.
     """
     log = jnp.log(x)
@@ -104,8 +105,8 @@ def fit_counts(x: Float[Array, " m"], events: Float[Array, " m"], trials: Float[
     lowest = jnp.min(jnp.where(has_events, log, jnp.inf))
     highest = jnp.max(jnp.where(has_others, log, -jnp.inf))
     # With the probability Φ(offset + slope·(ln x − centre)), the log-likelihood is a concave function of
-    # offset and slope. Its maximum is therefore at a slope > 0 if and only if it increases with the slope at
-    # the best curve of slope 0. `rise` has the sign of this increase.
+    # offset and slope. The maximum is therefore at a slope > 0 if and only if, at the best curve of slope 0,
+    # the log-likelihood increases with the slope. `rise` has the sign of this increase.
     centre = jnp.sum(trials * log) / jnp.sum(trials)
     rise = jnp.sum(events * (log - centre)) / (jnp.sum(trials) * (log[-1] - log[0]))
     has_fit = jnp.any(has_events) & jnp.any(has_others) & (lowest < highest) & (rise > MIN_RISE)

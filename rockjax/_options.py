@@ -42,9 +42,9 @@ class Options(Module):
       frequency ω_s of the superstructure
     - `method`: `"dopri8"` (usually the fastest), `"tsit5"`, `"dopri5"`, `"bosh3"`, or a Diffrax solver.
       The flat engine accepts explicit Runge–Kutta methods with an error estimate. The segments engine accepts
-      any solver, also `"kvaerno5"`. For `"dopri8"`, the flat engine uses the Nyström method RKN8(6)9FM of the
-      same order if accelerations do not depend on velocities. This is the case for a podium with a rigid
-      superstructure or none and without restrainers (tendons, dampers and inerters)
+      all Diffrax solvers, and also the name `"kvaerno5"`. For `"dopri8"`, the flat engine uses the Nyström
+      method RKN8(6)9FM of the same order if accelerations do not depend on velocities. This is the case for a
+      podium with a rigid superstructure or none and without restrainers (tendons, dampers and inerters)
     - `engine`: `"flat"`, one loop over the trial steps of a scene; or, for cross-checks, `"segments"`, one
       `diffrax.diffeqsolve` from each event to the next
     - `overturn_ratio`: |θ|/α at which a scene counts as overturned [–]. The angle `overturn_ratio`·α must not

@@ -1,10 +1,10 @@
-"""Largest responses of linear oscillators on a floor, whose acceleration a is a piecewise polynomial.
+"""Largest responses of linear oscillators on a floor.
 
-The equations (L5) to (L8) are in docs/floors.md and docs/equations.md. An oscillator has the displacement x
-relative to the floor [m], the circular frequency ω [rad/s], the damping ratio ζ and the damped frequency
-ω_d = ω√(1 − ζ²). Its equation is ẍ + 2ζωẋ + ω²x = −a. Let λ = −ζω + iω_d, with the conjugate λ̄. The complex
-unknown z = ẋ − λ̄x [m/s] replaces x and ẋ, and the equation becomes ż = λz − a. A velocity jump Δv of the
-floor changes z by −Δv.
+The acceleration a of the floor is a piecewise polynomial. The equations (L5) to (L8) are in docs/floors.md
+and docs/equations.md. An oscillator has the displacement x relative to the floor [m], the circular frequency
+ω [rad/s], the damping ratio ζ and the damped frequency ω_d = ω√(1 − ζ²). Its equation is ẍ + 2ζωẋ + ω²x = −a.
+Let λ = −ζω + iω_d, with the conjugate λ̄. The complex unknown z = ẋ − λ̄x [m/s] replaces x and ẋ, and the
+equation becomes ż = λz − a. A velocity jump Δv of the floor changes z by −Δv.
 
 A piece is a time interval in which a is one polynomial. The solution over a piece is exact up to rounding.
 Two responses are computed: x, and 2ζωẋ + ω²x, which is minus the absolute acceleration. Both have the form
@@ -29,8 +29,8 @@ from rockjax._excitations.sampled import common_size
 from rockjax._machine.threads import precision
 from rockjax._programs.program import StoredProgram
 
-# Least number of pieces per period T_e of an oscillator. Pieces longer than T_e/8 are divided, so that few
-# pieces contain a turning point.
+# Least number of pieces per period T_e of an oscillator. Pieces longer than T_e/8 are divided, so that most
+# pieces contain no turning point.
 PIECES_PER_PERIOD = 8
 # Number of terms of power series in s = λh, with the length h of a piece; enough for h up to T_e/8.
 SERIES_TERMS = 16
@@ -56,7 +56,8 @@ class Load(NamedTuple):
     - `terms`: coefficients c_k of a = Σ c_k (τ/h)^k, with the time τ from the start of the piece, shape
       (n, m+1) [m/s²]
     - `kick`: velocity jump at the start of each piece, shape (n,) [m/s]: Δv for an acceleration, and
-      Δv' − (a⁺ − a⁻)·`start_slope` for a derivative, with the values a⁻ and a⁺ before and after the jump
+      Δv' − (a⁺ − a⁻)·`start_slope` for a derivative. Δv' is the derivative of Δv, and a⁻ and a⁺ are the floor
+      accelerations just before and just after the start of the piece
     - `shift`: zero for an acceleration, and Δv·`start_slope` for a derivative, shape (n,) [m]
     - `start_slope`: zero for an acceleration; for a derivative, the derivative of the start of each piece
       with respect to the parameter, shape (n,) [s]
@@ -349,9 +350,9 @@ def _turning_points(series: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 class _Peak(NamedTuple):
-    """The largest |q| of each oscillator: the value of q there, and the piece and the fraction τ/h at which
-    it is first reached. The free vibration after the end of the load counts as one more piece, whose
-    `fraction` is the time after this end [s]."""
+    """The largest |q| of each oscillator: the value of q at this peak, and the piece and the fraction τ/h at
+    which the peak is first reached. The free vibration after the end of the load counts as one more piece,
+    whose `fraction` is the time after this end [s]."""
 
     value: np.ndarray
     piece: np.ndarray
@@ -510,7 +511,8 @@ def _slope(
 
     - `load`, `oscillators`, `factor`: the load, N oscillators, and c of the response q = Re(c z)
     - `states`, `peak`: states of the oscillators under the load, and their largest |q|
-    - `slope`, `slope_states`: derivative of the load with respect to a parameter, and states under it
+    - `slope`, `slope_states`: derivative of the load with respect to a parameter, and states under this
+      derivative
 
     The derivative of a peak is the derivative of q at a fixed time. If the peak is at an end of a piece, q̇
     times the derivative of the time of this end is added.

@@ -135,9 +135,9 @@ class State(Module):
 
     - `theta`, `theta_dot`: rotation [rad] and its rate [rad/s]
     - `u_t`, `u_t_dot`: displacement of the top mass relative to the ground [m] and its rate [m/s].
-      Both have no effect without an elastic superstructure. For a superstructure with several modes, the last
-      axis has the displacement or rate of each mode; a scalar means that all floors have this displacement or
-      rate
+      Without an elastic superstructure, `u_t` and `u_t_dot` have no effect. For a superstructure with several
+      modes, the last axis has the displacement or rate of each mode; a scalar means that all floors have this
+      displacement or rate
     """
 
     theta: Float[Array, "*times"] = eqx.field(converter=as_number("State: theta"), default=0.0)

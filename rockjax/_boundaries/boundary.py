@@ -4,10 +4,10 @@ with respect to the parameters of podium and motion. A scale is a factor on the 
 A scene is one podium under one scaled motion. A podium that overturns at one scale may survive a larger
 scale. Under a record, windows (intervals of scales that overturn) may be as narrow as 1e-4 of the searched
 range, and neighbouring scales may show no sign of them. The search therefore evaluates scales in ascending
-order up to the first that overturns. The scales are so close that every window wider than a requested width
-is found. The change from survival to overturning is then enclosed in ever narrower brackets. If no value is
-traced by JAX, the scenes are solved as batches on all cores. Under `jit` a loop solves a fixed number of
-scales at a time.
+order up to the first that overturns. The distances between the scales are chosen to find every window wider
+than a requested width. The change from survival to overturning is then enclosed in ever narrower brackets. If
+no value is traced by JAX, the scenes are solved as batches on all cores. Under `jit` a loop solves a fixed
+number of scales at a time.
 
 The overturning margin M of a scene is positive if the columns survive and negative if they overturn. The
 implicit function theorem gives the derivatives of the boundary a*: da* = −dM/(∂M/∂a), where a is the scale,
@@ -70,9 +70,9 @@ class Boundary(Module):
       minimum. If the dip became zero, the boundary would jump to the scale of this minimum
     - `one_sided`: True if the dip is so low that the boundary is about to jump; the derivative is then
       one-sided
-    - `certain_width`: resolution of the search [–]: an interval of overturning scales below `scale` can have
-      been missed only if it is at most as wide as `certain_width`. This resolution is at most the requested
-      `width` times `max_scale`, unless scenes did not finish
+    - `certain_width`: estimated width of the widest interval of overturning scales below `scale` that the
+      search may have missed [–]. This width is at most the requested `width` times `max_scale`, unless scenes
+      did not finish
     """
 
     scale: Float[Array, "*batch"]
@@ -185,12 +185,12 @@ def overturning_boundary(
     - `excitation`: ground motion that can be scaled
     - `max_scale`: end of the search, > 0 [–]
     - `options`: options of the scenes, which determine the accuracy of the boundary
-    - `width`: resolution of the search as a fraction of `max_scale`, in (0, 0.1]. An interval of overturning
-      scales below the returned boundary can be missed only if it is narrower than this fraction. The search
-      takes fine steps only from the first scale that lifts the columns up to the boundary. The length of
-      these steps follows from derivatives of the margin; under `jit` it is about `width` times `max_scale`.
-      A `max_scale` far above the boundary costs little time, but a range in which nothing overturns needs up
-      to about 1/`width` scenes
+    - `width`: resolution of the search as a fraction of `max_scale`, in (0, 0.1]. The search is designed to
+      find every interval of overturning scales below the returned boundary that is wider than this fraction.
+      The search takes fine steps only between the first scale at which the columns lift and the boundary. The
+      length of these steps follows from derivatives of the margin; under `jit` it is about `width` times
+      `max_scale`. A `max_scale` far above the boundary costs little time, but a range in which nothing
+      overturns needs up to about 1/`width` scenes
     - `resolution`: a whole number ≥ 32; a `width` above 1/`resolution` is reduced to 1/`resolution`
 
     Raises `ValueError` for invalid inputs that are not traced.

@@ -129,9 +129,9 @@ def scan(
     - `refine_curved`: True to refine intervals in which the margin is so curved that it may cross zero
       unnoticed; ignored with `first_only`
     - `first_only`: True to return only the first change of each line
-    - `width`: resolution of the search as a fraction of the range. If the motion is proportional to y, an
-      overturning interval below the first change can be missed only if it is narrower than this fraction.
-      None omits the search for intervals between the grid points
+    - `width`: resolution of the search as a fraction of the range. If the motion is proportional to y, the
+      search is designed to find every overturning interval below the first change that is wider than this
+      fraction. None omits the search for intervals between the grid points
     - `dips`: True to refine the lowest dips of the margin. If False, only dips in which an overturning
       interval may open are refined, and `Scan.dip` is approximate
 
@@ -239,8 +239,8 @@ def margins(
 
 
 def _has_edge_distances(plane: Plane, x: np.ndarray, max_y: float, options: Options) -> bool:
-    """Return whether scenes have edge distances: the overturning margin applies (`has_margin`), the podium is
-    the same for all y, and the motion is proportional to y."""
+    """Return whether scenes have edge distances. This requires that the overturning margin applies
+    (`has_margin`), that the podium is the same for all y, and that the motion is proportional to y."""
     at_max, at_half = plane(x, np.full(1, max_y)), plane(x, np.full(1, 0.5 * max_y))
     if not has_margin(options, at_max[0]):
         return False
@@ -255,8 +255,8 @@ def _has_edge_distances(plane: Plane, x: np.ndarray, max_y: float, options: Opti
 
 
 def curvature_indicator(y: np.ndarray, margin: np.ndarray, same_line: np.ndarray) -> np.ndarray:
-    """Return, for each pair of neighbouring scenes, how much the margin may deviate between them from
-    a straight line, divided by the distance of the margin from zero, shape (n−1,).
+    """Return, for each pair of neighbouring scenes, the deviation of the margin from a straight line between
+    them, up to a constant factor, divided by the distance of the margin from zero, shape (n−1,).
 
     - `y`, `margin`: positions and margins, sorted by line and y, shape (n,)
     - `same_line`: True for neighbours that belong to the same line, shape (n−1,)

@@ -12,7 +12,7 @@ from rockjax._checks import concrete
 from rockjax._options import Options
 from rockjax._structures import Podium
 
-# By default, a scan finds every interval of overturning that is wider than this fraction of the scanned
+# By default, a scan is designed to find every overturning interval wider than this fraction of the scanned
 # range.
 DEFAULT_WIDTH = 1e-4
 # Relative tolerance of the scenes of a scan. The position of a change between survival and overturning has

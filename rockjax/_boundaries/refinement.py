@@ -35,8 +35,10 @@ SPACING_SHARE = 0.95
 DISTANCE_SHARE = 0.25  # allowed distance of two neighbours divided by the sum of their edge distances
 MAX_SPACINGS = 6  # largest distance of neighbours, in spacings
 MAX_PARTS = 16  # largest number of parts into which an interval is divided at once
-ROUND_SCENES = 2048  # number of scenes in a round, distributed among all lines
-MIN_LINE_SCENES = 64  # minimum number of scenes of each line in a round
+# A round solves at most about ROUND_SCENES scenes. This limit is shared equally among the lines. If there are
+# many lines, the limit for each line is MIN_LINE_SCENES instead.
+ROUND_SCENES = 2048
+MIN_LINE_SCENES = 64
 GRAZING = 1e-3  # scenes with a margin below this are solved at full accuracy
 MIN_PARTS = 4  # least number of parts of an interval beside a dip; more if there are few such intervals
 
@@ -68,7 +70,7 @@ class SolvedScenes(NamedTuple):
 
     def below_first_change(self) -> list[slice]:
         """Return a slice of scenes for each line: from the last scene in which the columns do not lift to the
-        first scene that overturns.
+        first scene that overturns, or to the end of the line if no scene overturns.
 
         In full contact the response is proportional to the motion. Therefore, if the columns do not lift
         at one scale of the motion, they do not lift at any lower scale.
@@ -209,7 +211,8 @@ def find_dips(solved: SolvedScenes) -> np.ndarray:
 def points_around_dips(
     solved: SolvedScenes, lanes: int, may_open: bool = False
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """Return points on both sides of the dips that may be the lowest dip of a line, at most `DIPS` per line.
+    """Return points on both sides of the dips that may be the lowest dip of their line, for at most `DIPS`
+    dips of each line.
 
     - `solved`: the solved scenes
     - `lanes`: number of scenes that a batch solves together

@@ -113,7 +113,7 @@ class AbstractExcitation(Module):
 
     def strength(self) -> np.ndarray | None:
         """Return a NumPy array with a number for each motion of a batch, roughly proportional to max|ü_g|.
-        Scenes are sorted by these numbers. Return None if the class has no quick formula."""
+        Batches solve scenes with small numbers first. Return None if the class has no quick formula."""
         return None
 
     @property

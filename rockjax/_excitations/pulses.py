@@ -35,8 +35,8 @@ MAX_AMPLITUDE = 20 * STANDARD_GRAVITY  # [m/s²]; a larger amplitude was probabl
 BETA = math.sqrt(6 * (3 - math.sqrt(6))) * math.exp(-(3 - math.sqrt(6)) / 2)
 
 
-# A value |s| at a knot counts as zero below this limit: it is a rounding error, or the tail of a Ricker pulse
-# at an end of its support.
+# At a knot, a value |s| below this limit counts as zero. Such a value is a rounding error, or the tail of a
+# Ricker pulse at an end of its support.
 _NEGLIGIBLE = 1e-15
 _HALVINGS, _NEWTON_STEPS = 10, 5  # numbers of bisections and Newton steps in a root search
 

@@ -73,8 +73,8 @@ class AbstractSampled(AbstractExcitation):
 
     @abc.abstractmethod
     def samples_at(self, table: Float[Array, "*table n"], i: Index) -> Value:
-        """Return the element i of this motion from an array. The array has a row for each row of the table of
-        samples, and its rows may have any length."""
+        """Return element i of the row that belongs to this motion in an array. The array has as many rows as
+        the table of samples; the rows may have another length."""
 
     def row_counts(self) -> Int[Array, "*rows 1"]:
         """Return the number of samples in each row of the table."""

@@ -115,9 +115,9 @@ def check_range(owner: str, podium: Podium, excitation: AbstractExcitation, t_en
 
 
 def check_overturn_ratio(owner: str, podium: Podium, options: Options) -> None:
-    """Raise `ValueError` if `overturn_ratio` exceeds π/(2α). If the overturning margin is requested, also
-    raise it if a ratio above 1 exceeds θ_s/α, with the stability angle θ_s of the columns, (C7) of
-    docs/equations.md. The message names `owner`."""
+    """Raise `ValueError` if `overturn_ratio` exceeds π/(2α), or if the overturning margin is requested and a
+    ratio above 1 exceeds θ_s/α, with the stability angle θ_s of the columns, (C7) of docs/equations.md. The
+    message names `owner`."""
     alpha, ratio = concrete(podium.alpha), concrete(options.overturn_ratio)
     if alpha is not None and ratio is not None:
         limit = float(np.pi / 2 / alpha.max())

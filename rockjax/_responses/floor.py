@@ -348,7 +348,7 @@ class FloorMotion(Module):
     excitation: AbstractExcitation
     nodes: Nodes
     end_time: Float[Array, ""]
-    _limit: Float[Array, ""]  # end of the motion [s]; inf if the podium rests for good
+    _limit: Float[Array, ""]  # end of the motion [s]; inf for a rigid podium that rests for good
     _rtol: Value | None
     _method: Any = eqx.field(static=True)
     level: str | int = eqx.field(static=True)

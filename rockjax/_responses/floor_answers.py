@@ -22,7 +22,8 @@ class ContentsAnswer(Module):
     - `margin`: overturning margin of the block [–], as in [`rockjax.Peak`][]: 1 if the block never rocks,
       negative if it overturns
     - `uplifted`: True if the block rocks; `uplift_time`: time at which it first starts to rock [s], NaN if it
-      never rocks; `started_by_impulse`: True if an impact of the structure started it
+      never rocks; `started_by_impulse`: True if an impact of the structure started
+      the block
     - `overturned`: True if |φ| reached `overturn_ratio`·α_c; `overturn_time`: time of overturning [s], NaN if
       the block did not overturn
     - `impacts`: number of impacts of the block on the floor

@@ -22,8 +22,8 @@ class Ending(NamedTuple):
 
     - `rests`: whether the columns rest for good and the ground motion has ended
     - `modes`: for each mode i, with the displacement u_i relative to the ground, a bound on ∫|ü_i + ü_g| dt
-      after the end [m/s]. The bound is valid only if `rests` is True, and inf for a mode that still vibrates
-      with a damping ratio of 0
+      after the end [m/s]. The bound is valid only if `rests` is True. It is inf for a mode that still
+      vibrates with a damping ratio of 0
     - `speed`: horizontal speed |u̇_b| of the beam at the end [m/s]
     - `impact_speed`: bound on |u̇_b| just before the next impact [m/s]
     - `restitution`: restitution factor e, clipped to [0, 1]

@@ -40,8 +40,9 @@ class Energies(Module):
     All energies are divided by the mass N m_c of the N columns [m²/s²]. The ground has the accelerations ü_g
     (horizontal) and v̈_g (vertical). Relative to the ground, the beam moves by u_b horizontally and by v_b
     vertically, Eq. (13) of docs/model.md. The superstructure has the displacement u_t, the mass ratio η, the
-    frequency ω_s and the damping ratio ζ; γ is the mass ratio of the beam. A damper of the columns has the
-    force C|ℓ̇|^ν, with the elongation ℓ of (C1) in docs/control.md.
+    frequency ω_s and the damping ratio ζ; γ is the mass ratio of the beam. Each column has a damper with the
+    force C|ℓ̇|^ν, with the elongation ℓ of (C1) in docs/control.md. The energy of the N dampers is also
+    divided by N m_c, so N cancels.
 
     - `mechanical`: kinetic energy relative to the ground, strain energy of the superstructure, and potential
       energy of gravity and tendons, Eqs. (16) to (19)
@@ -65,8 +66,9 @@ class Energies(Module):
         return self.initial + self.input - self.mechanical - self.impacts - self.damping - self.dampers
 
 
-# A solved scene: podium; excitation; nodes; end of the motion [s], inf if the podium rests for good; method
-# for the motion between the nodes; and `rtol`, None if there are no restrainers.
+# A solved scene: podium; excitation; nodes; end of the motion [s], inf for a podium that rests for good under
+# a rigid superstructure or none; method for the motion between the nodes; and `rtol`, None if there are no
+# restrainers.
 Solved = tuple[Podium, AbstractExcitation, Nodes, Value, Any, Any]
 
 

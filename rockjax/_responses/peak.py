@@ -213,10 +213,10 @@ def peak_fields(floats, integers, options: Options, *, throw: bool = False, hist
 def _impacts(floats, integers, options: Options, history: bool):
     """Return the number of impacts, or NaN where it may not be final. Arguments as for `peak_fields`.
 
-    A scene with the result `settled` ended when all outputs were final. Its number of impacts is final in two
-    cases: the number was requested, or the scene has a history; or the columns never lifted, and the rotation
-    or the margin was requested. In the second case the number is zero: a later uplift would change the
-    rotation and the margin, so the scene ends only when no uplift can follow.
+    A scene with the result `settled` ended when all outputs were final. Its number of impacts is final in
+    three cases: the number was requested; the scene has a history; or the rotation or the margin was
+    requested and the columns never lifted. In the third case the number is zero: a later uplift would change
+    the rotation and the margin, so the scene ends only when no uplift can follow.
     """
     answers = integers["code"], integers["impacts"], integers["uplifted"]
     is_traced, is_jax = any(isinstance(y, Tracer) for y in answers), isinstance(answers[1], jax.Array)

@@ -93,8 +93,9 @@ class Response(AbstractPeak):
 
     @property
     def span(self) -> tuple[float, float]:
-        """Start and end of the part of the scene that plots show [s]. This part includes the whole ground
-        motion, even if the columns come to rest for good earlier."""
+        """Start and end of the part of the scene that plots show [s]. If the columns under a rigid
+        superstructure or none come to rest for good before the ground motion ends, this part ends with the
+        ground motion. Otherwise it ends with the scene."""
         start, end = float(np.asarray(self.times)[0]), float(self.stats.end_time)
         if not self.podium.vibrates and bool(self.result == RESULTS.settled):
             end = max(end, float(self.excitation.support[1]))
@@ -169,8 +170,9 @@ class Response(AbstractPeak):
 
     def damper_energy(self, t: Float[ArrayLike, "*times"] | None = None) -> Float[Array, "*times"]:
         """Return the energy that the dampers of the columns, [`rockjax.Damper`][], have dissipated up to
-        times t [s], divided by the mass N m_c of all columns: ∫(C/m_c)|ℓ̇|^(1+ν) dt, in m²/s². A damper has
-        the force C|ℓ̇|^ν at the rate ℓ̇ of elongation. By default t is the end of the scene."""
+        times t [s], divided by the mass N m_c of all columns: ∫(C/m_c)|ℓ̇|^(1+ν) dt, in m²/s². Each of the N
+        columns has a damper with the force C|ℓ̇|^ν at the rate ℓ̇ of elongation, so N cancels. By default t is
+        the end of the scene."""
         return self.energies(self.stats.end_time if t is None else t).dampers
 
     def floor(

@@ -24,7 +24,8 @@ from rockjax._types import Value, Vector
 def damper_power(c: Coefficients, restraint: Restraint, sigma: Value, x: Vector, v: Vector) -> Value:
     """Return the power that the restrainers dissipate, divided by the mass N m_c of all columns [m²/s³].
 
-    For dampers with the force C|ℓ̇|^ν at the rate ℓ̇ of elongation, this is (C/m_c)|ℓ̇|^(1+ν).
+    If each of the N columns has a damper with the force C|ℓ̇|^ν at the rate ℓ̇ of elongation, the power of all
+    dampers is N C|ℓ̇|^(1+ν), and the result is (C/m_c)|ℓ̇|^(1+ν).
 
     - `c`, `restraint`: constants of the podium and of its restrainers
     - `sigma`: contact mode σ ∈ {−1, 0, 1}

@@ -1,7 +1,7 @@
 """Fragility curves: lognormal distributions fitted to records.
 
 The data are capacities (least overturning intensities), or counts of overturned records at levels of
-intensity. A record overturns at a level if it overturns the podium when it is scaled to this level.
+intensity. A record overturns at a level if the record, scaled to this level, overturns the podium.
 """
 
 from __future__ import annotations

@@ -106,8 +106,8 @@ def quantiles(sample: Sample, probability: np.ndarray, confidence: float) -> Est
 def probability_interval(least: int, most: int, n: int, confidence: float) -> tuple[float, float]:
     """Return the Clopper–Pearson interval of a probability.
 
-    - `least`, `most`: least and largest possible number of events: no trial, or every trial, with an unknown
-      outcome is an event
+    - `least`, `most`: least and largest possible number of events. Trials with an unknown outcome count as
+      events only in `most`
     - `n`: number of trials
     - `confidence`: confidence level, in (0, 1)
     """
