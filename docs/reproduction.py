@@ -345,7 +345,7 @@ this page names these results. No parameter of rockjax is adjusted to match them
 @summary@
 
 Minor errors: $p$ is in rad/s, not Hz. The paper gives $\omega_p/p=2.83$ for $T_p=1$ s, but its $p$ leads to
-@frequency@. "From 10 ($\eta=0$) to 20 ($\eta=1$)" in Section 4 means $\eta/\gamma=1$, because $\gamma+\eta$ is the relevant ratio.
+@frequency@. Where Section 4 has "from 10 ($\eta=0$) to 20 ($\eta=1$)", it means $\eta/\gamma=1$, because $\gamma+\eta$ increases from 10 to 20.
 The paper does not give the damping ratio of the spectra; the default of rockjax is $\zeta=0.05$.
 
 ### Eq. (6): the third term
@@ -355,8 +355,8 @@ the columns count twice and the top mass is missing. With $m_t$ in place of $m_c
 and an undeformed superstructure, the equation as printed gives @printed@ $g\tan\alpha$; with $m_t$ it gives @corrected@ $g\tan\alpha$.
 
 Eq. (24) shows which term is correct. At $\theta=\dot\theta=0$ the $\ddot\theta$ of (24) vanishes at the demand of (9), for each of three
-tested pairs of $u_t$ and $\dot u_t$. At the demand of (6) as printed, $\ddot\theta$ is $@theta_ddot@\,p^2$ for $\sigma=-1$. This
-acceleration presses the columns onto the ground, so they do not lift yet. rockjax uses (9).
+tested pairs of $u_t$ and $\dot u_t$. At the demand of (6) as printed, $\ddot\theta$ is $@theta_ddot@\,p^2$ for $\sigma=-1$. This acceleration
+presses the columns onto the ground, so they do not lift yet. rockjax uses (9).
 
 ### Eqs. (26) and (27): two different assumptions
 
@@ -369,12 +369,12 @@ stops it. The square of the effective velocity factor is the energy halfway to t
 
 @ring_down@
 
-The column $T_s\to0$ is the exact limit $(Ae+B)/(A+B)$ with $A=1+\lambda+4\gamma+4\eta\sin^2\alpha$ and
-$B=4\eta\cos^2\alpha$: the oscillation is internal and does not change the total momentum. Eq. (27) by itself gives
-0.956, the same as for a rigid superstructure. Together with (26) the effective factor is 0.995, so much less energy is lost.
-The compatible restitution is 0.613 at the impact and 0.956 after the oscillation. As $T_s\to0$, the compatible restitution
-tends to the value of the rigid superstructure, and the restitution of the paper does not. Therefore "$T_s=0$" means `Rigid` in rockjax, not a
-very small period. The restitution of the paper is the default; `restitution="compatible"` selects the compatible one.
+The column $T_s\to0$ is the exact limit $(Ae+B)/(A+B)$ with $A=1+\lambda+4\gamma+4\eta\sin^2\alpha$ and $B=4\eta\cos^2\alpha$: the
+oscillation is internal and does not change the total momentum. Eq. (27) by itself gives 0.956, the same as for a rigid superstructure.
+Together with (26) the effective factor is 0.995, so much less energy is lost. The compatible restitution is 0.613 at the impact and 0.956
+after the oscillation. As $T_s\to0$, the compatible restitution tends to the value of the rigid superstructure, and the restitution of the
+paper does not. Therefore "$T_s=0$" means `Rigid` in rockjax, not a very small period. The restitution of the paper is the default;
+`restitution="compatible"` selects the compatible one.
 
 ### Section 4: the numbers quoted in the text
 
@@ -395,9 +395,9 @@ produced the numbers. rockjax solves the equations as printed.
 
 ### Sections 3 to 5, claim by claim
 
-The structures are those of Fig. 6: $\tan\alpha=0.15$, $R=1.5$ m, $\gamma=10$, $\eta/\gamma$ of 1, 5 and 10, $T_s$ of 0
-(rigid), 0.1, 0.5 and 1 s, under the symmetric Ricker pulse. Boundaries are computed by `rockjax.overturning_spectrum` at
-$\omega_p/p=1,1.25,\dots,7$, up to 12 $g\tan\alpha$, with $\zeta=0.05$. Percentages refer to the
+The structures are those of Fig. 6: $\tan\alpha=0.15$, $R=1.5$ m, $\gamma=10$, $\eta/\gamma$ of 1, 5 and 10, $T_s$ of 0 (rigid), 0.1, 0.5
+and 1 s, under the symmetric Ricker pulse. Boundaries are computed by `rockjax.overturning_spectrum` at $\omega_p/p=1,1.25,\dots,7$, up to
+12 $g\tan\alpha$, with $\zeta=0.05$. In the table, the boundary is the least overturning acceleration, and percentages are changes of this
 acceleration. `rockjax spectrum` draws the pictures that correspond to Figs. 6 and 7:
 
 ![Rocking spectra for three mass ratios and four periods of the superstructure](images/rocking-spectra.png)
@@ -417,19 +417,20 @@ The two pulses of Eq. (32), as in Fig. 4:
 
 ### Section 3: the specimen of Fig. 5
 
-According to the paper, the lengths of the specimen are a sixth of the lengths of a building with 3 m columns. Accelerations are equal,
-so times are divided by $\sqrt6$. The ground motion is an antisymmetric Ricker pulse of 0.20 g and 0.30 s. The paper does not
-state the slenderness, the masses, the period and damping of the superstructure, or the measured motion of the shaking table, which was the
-input of its model. The curves of Fig. 5 therefore cannot be reproduced, and the paper's "matches quite well" cannot be checked. The table
-assumes the other parameters of Section 4 with $\eta/\gamma=5$. The table compares the peak rotations of the model and of the building, whose
-pulse has a period of $\sqrt6\cdot0.30$ s. By similarity the two must agree.
+According to the paper, the lengths of the specimen are a sixth of the lengths of a building with 3 m columns. Accelerations are equal, so
+times are divided by $\sqrt6$. The ground motion is an antisymmetric Ricker pulse of 0.20 g and 0.30 s. The paper does not state the
+slenderness, the masses, the period and damping of the superstructure, or the measured motion of the shaking table, which was the input of
+its model. The curves of Fig. 5 therefore cannot be reproduced, and the paper's "matches quite well" cannot be checked. The table assumes
+the other parameters of Section 4 with $\eta/\gamma=5$. The table compares the peak rotations of the model and of the building, whose pulse
+has a period of $\sqrt6\cdot0.30$ s. By similarity the two must agree.
 
 @specimen@
 
 ## An independent group: Zhou, Du & Han (2019)
 
 The structure is a rocking frame with $\tan\alpha=1.5/7$, $R=3.58$ m and $\gamma=13.23$. Its restitution,
-$e=[1-\tfrac32\sin^2\alpha+3\gamma\cos2\alpha]/(1+3\gamma)$, is Eq. (27) with $\eta=0$. The least overturning $a_p/g$, by `rockjax.overturning_spectrum`, is:
+$e=[1-\tfrac32\sin^2\alpha+3\gamma\cos2\alpha]/(1+3\gamma)$, is Eq. (27) with $\eta=0$. `rockjax.overturning_spectrum` gives the least
+overturning $a_p/g$:
 
 @zhou@
 
@@ -453,7 +454,8 @@ slenderness of 1e-4, as $a_p/(\alpha g)$; multiplied by the $\alpha$ of the orig
 ## Free rocking
 
 The table lists the times of impacts of a solitary block that is released from $\theta_0=\alpha/2$; $B=0.5$ m, $H=1.5$ m,
-$g=9.81$ m/s², $e=0.85$. The exact times are quadratures of the quarter period between exact peaks,
+$g=9.81$ m/s², $e=0.85$. The exact times follow from quadratures of the quarter periods. With $\theta_0=\alpha/2$, the peak $\theta_n$ after
+$n$ impacts, and the time $T_n/4$ from this peak to the next impact, are
 
 $$\theta_n=\alpha-\arccos\bigl(\cos\alpha+e^{2n}[\cos(\alpha-\theta_0)-\cos\alpha]\bigr),\qquad
 \frac{T_n}{4}=\int_0^{\theta_n}\frac{d\theta}{p\sqrt{2[\cos(\alpha-\theta_n)-\cos(\alpha-\theta)]}}.$$
