@@ -10,6 +10,7 @@ import contextlib
 import functools
 import logging
 import operator
+import os
 import pickle
 import threading
 from collections.abc import Callable, Hashable, Iterator, Sequence
@@ -37,6 +38,8 @@ _SETTINGS = operator.attrgetter(
     "jax_numpy_dtype_promotion",
     "jax_numpy_rank_promotion",
 )
+# XLA takes a multiple of the time if more threads load or compile programs than there are cores.
+_XLA_TURNS = threading.Semaphore(os.cpu_count() or 1)
 # Level 1 compiles faster than JAX's default level 3, and the programs run equally fast.
 _OPTIMISATION = {"xla_backend_optimization_level": 1}
 
@@ -182,7 +185,8 @@ class StoredProgram:
                 return loaded
             _watch_cache_hits()
             _THREAD_STATE.from_jax = False
-            compiled = lowered.compile(compiler_options=options)
+            with _XLA_TURNS:
+                compiled = lowered.compile(compiler_options=options)
         COUNTS["compiled"] += 1
         # XLA cannot serialise programs that come from JAX's own compilation cache.
         if key and not _THREAD_STATE.from_jax:
@@ -236,7 +240,8 @@ def _load(key: str) -> Callable | None:
         program, arguments, answers = pickle.loads(content)
         if b"lapack" in program:
             _register_lapack()
-        loaded = deserialize_and_load(program, arguments, answers, execution_devices=[_cpu()])
+        with _XLA_TURNS:
+            loaded = deserialize_and_load(program, arguments, answers, execution_devices=[_cpu()])
     except Exception as error:  # a changed format, or a class that no longer exists
         _LOG.debug("a stored program cannot be loaded: %r", error)
         store.discard(key)

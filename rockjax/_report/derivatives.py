@@ -112,21 +112,25 @@ def scene_answers(scenes: Scenes, name: str, motion: int) -> dict[str, tuple[np.
     def solve() -> xarray.Dataset:
         scenes.describe(f"derivatives of {motions.names[motion]}")
         answers = solved_answers(problem, excitation, options)
-        slopes = {f"{key}_slope": slope for key, (_, slope) in answers.items()}
-        return dataset_of({key: value for key, (value, _) in answers.items()} | slopes)
+        # The value and its derivatives are one variable, because the time to write a file grows with the
+        # square of the number of variables.
+        return dataset_of({key: np.concatenate([y[..., None], dy], -1) for key, (y, dy) in answers.items()})
 
     data = scenes.store.get(f"derivatives.{name}.{motion}", inputs_hash, solve)
-
-    names = [str(key) for key in data if not str(key).endswith("_slope")]
-    return {key: (data[key].values, data[f"{key}_slope"].values) for key in names}
+    return {str(key): (y.values[..., 0], y.values[..., 1:]) for key, y in data.items()}
 
 
 def prepare_answers(scenes: Scenes, name: str) -> None:
-    """Start to load or compile the program of `scene_answers` in another thread, unless derivatives of the
-    set `name` are stored."""
+    """Start to load or compile the program of `scene_answers` for a set in another thread, unless derivatives
+    of the set are stored."""
     if not any(key.startswith(f"derivatives.{name}.") for key in scenes.store.data):
-        podium, excitation = scenes.problem.podium, scenes.motion_set(name).excitations[0]
-        prepare_slopes(podium, excitation, as_start("report", REST, podium), None, _options(scenes, name))
+        prepare_solved_answers(scenes, name, _options(scenes, name))
+
+
+def prepare_solved_answers(scenes: Scenes, name: str, options: Options) -> None:
+    """Start to load or compile the program of `solved_answers` for the motions of a set in another thread."""
+    podium, excitation = scenes.problem.podium, scenes.motion_set(name).excitations[0]
+    prepare_slopes(podium, excitation, as_start("report", REST, podium), None, options)
 
 
 def _options(scenes: Scenes, name: str) -> Options:

@@ -6,8 +6,10 @@ A scene is the structure under one motion.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +28,8 @@ from .reading import read_problem
 from .scenes import Needs, NoProgress, Scenes
 from .store import Store
 
+# Errors after which a check is NOT MADE.
+REPORTED_ERRORS = (ValueError, RuntimeError, OSError, NotImplementedError)
 SKIPPABLE = ("risk", "methods", "spread")  # valid names in the argument `skip`
 
 
@@ -61,12 +65,18 @@ def check_skip(skip: tuple[str, ...]) -> None:
 
 
 def evaluate_with_store(
-    problem: Problem, skip: tuple[str, ...], store: Store, progress: Any = None
+    problem: Problem,
+    skip: tuple[str, ...],
+    store: Store,
+    progress: Any = None,
+    start_page: Callable[[Scenes, Sequence[str]], None] | None = None,
 ) -> Evaluation:
     """Evaluate all checks of a problem.
 
     - `problem`, `skip`, `progress`: as for `evaluate`
     - `store`: stores the scenes
+    - `start_page`: function of the scenes and the names of the used sets. It is called as soon as the peaks
+      under the sets are known, to start computations for the page in other threads
     """
     made, with_spread = made_entries(problem, skip), "spread" not in skip
     scenes = Scenes(problem, store, needs_of_sets(problem), progress or NoProgress(), with_spread)
@@ -75,6 +85,9 @@ def evaluate_with_store(
         for name in dict.fromkeys(entry.motions for entry in made if KINDS[entry.kind].has_variants):
             scenes.start_variants(str(name))
             prepare_answers(scenes, str(name))
+        if start_page is not None:
+            with contextlib.suppress(*REPORTED_ERRORS):  # the checks of the set report the error
+                start_page(scenes, list(dict.fromkeys(str(entry.motions) for entry in made if entry.motions)))
         # Checks that wait for another thread are evaluated last.
         last = sorted(problem.checks, key=lambda entry: is_started.get(entry.id, False))
         by_id = {entry.id: _evaluate(entry, scenes, skip) for entry in last}
@@ -123,7 +136,7 @@ def _evaluate(entry: Entry, scenes: Scenes, skip: tuple[str, ...]) -> Check:
         return Check(entry, kind, "NOT MADE", reason)
     try:
         return _compute(entry, kind, scenes)
-    except (ValueError, RuntimeError, OSError, NotImplementedError) as error:
+    except REPORTED_ERRORS as error:
         return Check(entry, kind, "NOT MADE", f"{type(error).__name__}: {error}")
 
 

@@ -144,10 +144,9 @@ def report(
         store = Store(None if path is None else path.with_suffix(".nc"))
         if "methods" not in skip:
             methods.start(problem, store, made_entries(problem, skip))
-        evaluation = evaluate_with_store(problem, skip, store, progress)
+        evaluation = evaluate_with_store(problem, skip, store, progress, rocking.start)
     chosen = units_of(evaluation, units)
     with evaluation.scenes.store.saved_on_interruption():
-        rocking.start(evaluation)
         result = Report(evaluation, page_of(evaluation, chosen, command), chosen)
     if path is None:
         return result

@@ -24,7 +24,7 @@ from rockjax._responses.variants import pick_motions
 from rockjax._roots import Brackets, narrow_brackets
 from rockjax._structures import Podium
 
-from .derivatives import SlopesFunction, leaf_directions, solved_answers
+from .derivatives import SlopesFunction, leaf_directions, prepare_solved_answers, solved_answers
 from .problem import MotionSet, Problem
 from .scenes import Scenes
 from .store import Stored, fingerprint
@@ -65,7 +65,10 @@ def least_factors(scenes: Scenes, name: str, event: str) -> xarray.Dataset:
 def start_search(scenes: Scenes, name: str, event: str) -> bool:
     """Start the search of `least_factors` in another thread, unless its result is stored. Return False if the
     result is stored, otherwise True."""
-    return scenes.store.start(*_stored_search(scenes, name, event))
+    is_started = scenes.store.start(*_stored_search(scenes, name, event))
+    if is_started and event == "uplift":  # `least_factor_slopes` will need this program
+        prepare_solved_answers(scenes, name, _ratio_options(scenes.problem))
+    return is_started
 
 
 def _stored_search(scenes: Scenes, name: str, event: str) -> Stored:
@@ -98,6 +101,11 @@ def _uplift(scenes: Scenes, motions: MotionSet) -> xarray.Dataset:
 
 def _uplift_options(problem: Problem) -> Options:
     return problem.options.replace(outputs=(UpliftRatio(), "peak_rotation", "errors"), throw=False)
+
+
+def _ratio_options(problem: Problem) -> Options:
+    """Return the options of scenes whose only answer is the uplift ratio."""
+    return _uplift_options(problem).replace(outputs=(UpliftRatio(),))
 
 
 def _estimate_uplift_factors(scenes: Scenes, motions: MotionSet) -> np.ndarray:
@@ -212,10 +220,10 @@ def least_factor_slopes(scenes: Scenes, event: str, name: str, motion: int) -> S
     if event == "overturning":
         return lambda: (factor, _overturning_slopes(problem, excitation, factor))
     scale = 0.9 * factor
-    options = _uplift_options(problem).replace(outputs=(UpliftRatio(),))
 
     def least_factor() -> tuple[np.ndarray, np.ndarray]:
-        ratio, slopes = solved_answers(problem, excitation.scaled(scale), options)["uplift_ratio"]
+        answers = solved_answers(problem, excitation.scaled(scale), _ratio_options(problem))
+        ratio, slopes = answers["uplift_ratio"]
         return scale / ratio, -scale / ratio**2 * slopes
 
     return least_factor

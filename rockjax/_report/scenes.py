@@ -61,7 +61,8 @@ class Scenes:
         self.with_spread = with_spread
         # Cached, because checks and sections ask for the same structures and scenes many times.
         self.podium, self.peaks = functools.cache(self._podium), functools.cache(self._peaks)
-        self._variations = functools.cache(lambda *of: store.get(*self._stored_variations(*of)))
+        self._stored_peaks = functools.cache(self._make_stored_peaks)
+        self._stored_variations = functools.cache(self._make_stored_variations)
 
     def describe(self, text: str) -> None:
         """Show a text about the current computation."""
@@ -141,10 +142,10 @@ class Scenes:
         - `variation`: one of `variations`, or ""; `factor`: factor on all motions
         """
         if variation:
-            return self._variations(name, factor).sel(variant=variation)
+            return self.store.get(*self._stored_variations(name, factor)).sel(variant=variation)
         return self.store.get(*self._stored_peaks(name, law if law in self.laws else None, factor))
 
-    def _stored_peaks(self, name: str, law: str | None = None, factor: float = 1.0) -> Stored:
+    def _make_stored_peaks(self, name: str, law: str | None, factor: float) -> Stored:
         """Return the arguments of `Store.get` for the peaks of a set. The inputs of the structure are
         unchanged; `law` may replace its law of impact."""
         motions, options, on_floors = self.motion_set(name), self.options(name), self.on_floors(name)
@@ -162,11 +163,11 @@ class Scenes:
         """Start to solve the scenes of a set with other laws of impact and with changed inputs, in other
         threads."""
         for law in self.laws:
-            self.store.start(*self._stored_peaks(name, law))
+            self.store.start(*self._stored_peaks(name, law, 1.0))
         if self.variations:
-            self.store.start(*self._stored_variations(name))
+            self.store.start(*self._stored_variations(name, 1.0))
 
-    def _stored_variations(self, name: str, factor: float = 1.0) -> Stored:
+    def _make_stored_variations(self, name: str, factor: float) -> Stored:
         """Return the arguments of `Store.get` for the peaks of a set with changed inputs, along `variant` and
         `motion`. These peaks have no estimated errors."""
         podiums = [_with_given_restitution(self.podium(None, variation)) for variation in self.variations]

@@ -194,5 +194,4 @@ def test_scenes_without_an_answer_have_no_history_and_no_derivatives(tmp_path):
     for count, expected in ((4, ("pulses", 1)), (1, None)):
         peaks = xarray.Dataset({name: ("motion", y[:count]) for name, y in data.items()})
         scenes = SimpleNamespace(peaks=lambda name, peaks=peaks: peaks)
-        found = Evaluation(None, scenes, (), {"pulses": {}}, (), dict)
-        assert governing_scene(found) == expected
+        assert governing_scene(scenes, ["pulses"]) == expected

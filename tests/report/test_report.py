@@ -372,7 +372,7 @@ def test_an_interrupted_command_names_the_file_with_the_scenes(tmp_path, monkeyp
 
     from rockjax._cli import app
 
-    def interrupted(problem, skip, store, progress):
+    def interrupted(problem, skip, store, progress, start_page):
         with store.saved_on_interruption():
             if is_solved:
                 store.get("scenes", "inputs", xarray.Dataset)

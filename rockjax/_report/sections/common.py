@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from rockjax._report.store import fingerprint
 
 if TYPE_CHECKING:
     from rockjax._report.evaluation import Evaluation
+    from rockjax._report.scenes import Scenes
     from rockjax._report.tables import Table
 
 
@@ -26,12 +27,15 @@ def sets_with_scenes(evaluation: Evaluation) -> tuple[str, ...]:
     return tuple(evaluation.assumptions)
 
 
-def governing_scene(evaluation: Evaluation) -> tuple[str, int] | None:
-    """Return (set, index of the motion) of the governing scene: the scene with the largest rotation among
-    those that finished without overturning. Return None if there are no such scenes."""
+def governing_scene(scenes: Scenes, names: Iterable[str]) -> tuple[str, int] | None:
+    """Return (set, index of the motion) of the scene with the largest rotation among the scenes that finished
+    without overturning; None if there are no such scenes.
+
+    - `scenes`: the scenes of the problem; `names`: names of the sets
+    """
     governing: tuple[float, str, int] | None = None
-    for name in sets_with_scenes(evaluation):
-        data = evaluation.scenes.peaks(name)
+    for name in names:
+        data = scenes.peaks(name)
         is_left_out = data["overturned"].values | results.did_not_finish(data["result"].values)
         rotation = np.where(is_left_out, -1.0, data["peak_rotation"].values)
         k = int(np.argmax(rotation))

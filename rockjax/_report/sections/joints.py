@@ -60,7 +60,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
     blocks: list[Any] = [equations, *(_table(evaluation, name) for name in names)]
     if with_shear:
         blocks.append(_shears(evaluation, with_shear))
-    scene = governing_scene(evaluation)
+    scene = governing_scene(evaluation.scenes, sets_with_scenes(evaluation))
     if scene is not None and scene[0] in names and "least_axial_force" in sets[scene[0]]:
         figure = _picture(evaluation, *scene)
         if figure is not None:

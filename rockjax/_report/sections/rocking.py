@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     import xarray
 
     from rockjax._report.evaluation import Evaluation
+    from rockjax._report.scenes import Scenes
 
 WINDOW_COLUMNS = {  # variable of `least_factors` → heading
     "factor": "Least factor that overturns",
@@ -33,7 +35,7 @@ AFTER_LAST_IMPACT = 1.2  # histories end at this multiple of the time of the las
 def section(evaluation: Evaluation, units: Units) -> Section:
     """Return section 4 of the page."""
     blocks: list[Any] = [_table(evaluation, name) for name in sets_with_scenes(evaluation)]
-    scene = governing_scene(evaluation)
+    scene = governing_scene(evaluation.scenes, sets_with_scenes(evaluation))
     if scene is None:
         blocks.append(Paragraph("No scene finished without overturning, so there is no history to draw."))
     else:
@@ -41,11 +43,14 @@ def section(evaluation: Evaluation, units: Units) -> Section:
     return Section(4, "Rotation, uplift, overturning", (*blocks, *details(evaluation, 4)))
 
 
-def start(evaluation: Evaluation) -> None:
-    """Start to compute the history of the governing scene in another thread."""
-    scene = governing_scene(evaluation)
+def start(scenes: Scenes, names: Iterable[str]) -> None:
+    """Start to compute the history of the governing scene in another thread.
+
+    - `scenes`: the scenes of the problem; `names`: names of the sets of motions on the page
+    """
+    scene = governing_scene(scenes, names)
     if scene is not None:
-        evaluation.scenes.start_history(*scene)
+        scenes.start_history(*scene)
 
 
 def _table(evaluation: Evaluation, name: str) -> Table:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import jax
 import numpy as np
 
 from rockjax._parameters.registry import STRUCTURE
+from rockjax._programs.program import StoredProgram
 from rockjax._report.blocks import Equation, Equations, Figure, Paragraph, Section
 from rockjax._report.pictures import elevation_caption, elevation_drawing, to_svg
 from rockjax._report.store import dataset_of, fingerprint
@@ -15,7 +15,7 @@ from rockjax._report.tables import Cell, Code, Column, Formula, Quantity, Series
 from rockjax._report.units import Units, kind_of_unit
 from rockjax._structures import Podium
 
-from .common import governing_scene, stored_figure
+from .common import governing_scene, sets_with_scenes, stored_figure
 
 if TYPE_CHECKING:
     import xarray
@@ -64,7 +64,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 def _elevation(evaluation: Evaluation, units: Units) -> Figure:
     """Return the picture of the structure, and of a column at the largest rotation of the governing scene.
     This is the scene with the largest rotation without overturning."""
-    problem, scene = evaluation.problem, governing_scene(evaluation)
+    problem, scene = evaluation.problem, governing_scene(evaluation.scenes, sets_with_scenes(evaluation))
     podium = problem.podium
     rotation, label = None, ""
     if scene is not None:
@@ -216,29 +216,30 @@ def _derived(evaluation: Evaluation) -> Equations:
 
 
 def _numbers(evaluation: Evaluation) -> xarray.Dataset:
-    """Return the derived numbers of this section. They are computed only if the store does not have them."""
+    """Return the derived numbers of this section; compute them only if the store does not have them."""
     podium = evaluation.problem.podium
-
-    def numbers(podium: Podium) -> dict[str, Any]:
-        laws = {name: podium.replace(restitution=name).restitution_factor for name in ("paper", "compatible")}
-        values = {
-            "width": podium.width,
-            "height": podium.height,
-            "p": podium.p,
-            "restitution": podium.restitution_factor,
-            "uplift_acceleration": podium.uplift_ground_acceleration,
-            "dead_load": podium.dead_load,
-        } | {f"restitution_{name}": factor for name, factor in laws.items()}
-        if podium.vibrates:
-            values["uplift_demand"] = podium.uplift_demand
-            values["uplifted_frequencies"] = podium.uplifted_frequencies
-        if podium.elevation is not None:
-            values["core_distance"] = podium.core_distance
-        return values
-
-    # Outside jit every operation compiles separately.
-    compute = lambda: dataset_of(jax.jit(numbers)(podium))
+    compute = lambda: dataset_of(_derived_numbers(podium))
     return evaluation.scenes.store.get("structure", fingerprint(podium), compute)
+
+
+@StoredProgram
+def _derived_numbers(podium: Podium) -> dict[str, Any]:
+    """Return name → derived number or array of a podium."""
+    laws = {name: podium.replace(restitution=name).restitution_factor for name in ("paper", "compatible")}
+    values = {
+        "width": podium.width,
+        "height": podium.height,
+        "p": podium.p,
+        "restitution": podium.restitution_factor,
+        "uplift_acceleration": podium.uplift_ground_acceleration,
+        "dead_load": podium.dead_load,
+    } | {f"restitution_{name}": factor for name, factor in laws.items()}
+    if podium.vibrates:
+        values["uplift_demand"] = podium.uplift_demand
+        values["uplifted_frequencies"] = podium.uplifted_frequencies
+    if podium.elevation is not None:
+        values["core_distance"] = podium.core_distance
+    return values
 
 
 def _modes(evaluation: Evaluation) -> list[Any]:
