@@ -64,6 +64,10 @@ class PeakLimit(AbstractResponseTarget):
     does not have the output.
     """
 
+    # An output that can be infinite is replaced by a smooth output, which has another limit. `output` and
+    # `limit` are those of the evaluation; descriptions state the given ones.
+    given_output: AbstractOutput = eqx.field(static=True)
+    given_limit: Any
     output: AbstractOutput = eqx.field(static=True)
     limit: Any
     suite: Suite
@@ -72,9 +76,9 @@ class PeakLimit(AbstractResponseTarget):
 
     def __init__(self, output: str | AbstractOutput, limit, excitations, name: Name = None):
         owner = type(self).__name__
-        limit = require_limit(owner, "limit", limit)
-        # An output that can be infinite is replaced by a smooth output, which has another limit.
-        self.output, self.limit = limited_output(owner, output).for_limit(limit)
+        self.given_limit = require_limit(owner, "limit", limit)
+        self.given_output = limited_output(owner, output)
+        self.output, self.limit = self.given_output.for_limit(self.given_limit)
         self.suite, self.name = Suite.of(excitations, owner), name
 
     @property
@@ -86,7 +90,8 @@ class PeakLimit(AbstractResponseTarget):
         return limited_by_overturning(margins, peaks)
 
     def describe(self) -> str:
-        return f"{output_title(self.output)} ≤ {self.limit:g} {displayed_or_empty(self.output.unit)}".rstrip()
+        output = self.given_output
+        return f"{output_title(output)} ≤ {self.given_limit:g} {displayed_or_empty(output.unit)}".rstrip()
 
 
 def limited_output(owner: str, output: str | AbstractOutput) -> AbstractOutput:
@@ -236,14 +241,11 @@ class PeakFriction(PeakLimit):
     heights of masses), T and N are averaged over the columns.
     """
 
-    friction: float = eqx.field(static=True)
-
     def __init__(self, limit, excitations, name: Name = None):
         super().__init__("peak_friction", limit, excitations, name)
-        self.friction = float(limit)
 
     def describe(self) -> str:
-        return f"friction demand ≤ {self.friction:g}"
+        return f"friction demand ≤ {self.given_limit:g}"
 
 
 class PeakFoundationShear(PeakLimit):

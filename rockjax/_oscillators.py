@@ -331,13 +331,15 @@ def _turning_points(series: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     - `series`: coefficients of the response q in powers of τ/h, in k pieces, shape (`SERIES_TERMS`, k)
 
-    A turning point is found in a quarter of a piece if q̇ has different signs at the ends of the quarter.
+    A turning point is found in a quarter of a piece if q̇ has different signs at the ends of the quarter; zero
+    counts as positive.
     """
     quarters = np.linspace(0.0, 1.0, 5)
     rate = polynomial.polyder(series)
     rates = polynomial.polyvander(quarters, len(rate) - 1) @ rate
-    quarter, index = np.nonzero(rates[:-1] * rates[1:] < 0)
-    rate, sign = rate[:, index], np.sign(rates[quarter, index])
+    grows = rates >= 0
+    quarter, index = np.nonzero(grows[:-1] != grows[1:])
+    rate, sign = rate[:, index], np.where(grows[quarter, index], 1, -1)
     second = polynomial.polyder(rate)
     low, high = quarters[quarter], quarters[quarter + 1]
     fraction = low + 0.25 * rates[quarter, index] / (rates[quarter, index] - rates[quarter + 1, index])
@@ -376,14 +378,17 @@ def _search(
     - `sizes`: largest |q| at the ends of the pieces of each block, shape (blocks, N)
     """
     best = sizes.max(axis=0)
-    # A piece is searched if |q| at one of its ends is at least `min_size`. In a piece with a turning point,
-    # |q| exceeds its larger end value by at most (h²/8) max|q̈|, and |q̇| ≤ h max|q̈|. The load alone
-    # determines q̈ + 2ζωq̇ + ω²q. A bound of this sum gives a bound of max|q̈|, and thereby `min_size`.
+    # A piece is searched if |q| at one of its ends is at least `min_size`. With ż = λz − a,
+    # q̈ + 2ζωq̇ + ω²q = Re(c λ̄) a − Re(c) ȧ. Let L bound the right-hand side, and let P be the largest |q|,
+    # reached inside a piece of length h. There q̇ = 0, and (e^(2ζωt) q̇)˙ = e^(2ζωt) (q̈ + 2ζωq̇), whose second
+    # factor is at most L + ω²P. Thus |q̇| ≤ e^(ζωh) (L + ω²P) s at a time s ≤ h/2 from the peak, and |q| at the
+    # nearer end of the piece is at least P − d (L + ω²P), with d = e^(ζωh) h²/8. Since P ≥ `best` and ω²d < 1,
+    # it is at least `min_size` = (1 − ω²d) `best` − d L.
     h, omega, terms = load.length, oscillators.omega, np.abs(load.terms)
-    largest_load = (terms.sum(axis=1) * h**2).max() * np.abs(np.real(factor * oscillators.pole))
+    largest_load = (terms.sum(axis=1) * h**2).max() * np.abs(np.real(factor * oscillators.pole.conj()))
     steepest = ((terms @ np.arange(terms.shape[1])) * h).max() * np.abs(np.real(factor))
-    divisor = 8 * np.maximum(1 - 2 * oscillators.zeta * omega * h.max(), 0.2)
-    min_size = (best - (largest_load + steepest) / divisor) / (1 + (omega * h.max()) ** 2 / divisor)
+    growth = np.exp(oscillators.zeta * omega * h.max()) / 8  # d/h²
+    min_size = (1 - growth * (omega * h.max()) ** 2) * best - growth * (largest_load + steepest)
     is_searched = sizes >= np.where(best > 0, min_size, np.inf)
     is_searched[0] = True  # the first block always, and only this block if all states are zero
     block, lane = np.nonzero(is_searched)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from rockjax._oscillators import RESPONSES, Load, ground_load, largest
+from rockjax._oscillators import RESPONSES, SERIES_TERMS, Load, _turning_points, ground_load, largest
 
 T, ZETA = np.array([2.0, 0.15, 0.7, 0.4]), np.array([0.05, 0.1, 0.0, 0.4])
 START, LENGTH = np.array([0.3, 0.9, 1.0, 1.8]), np.array([0.6, 0.1, 0.8, 0.5])
@@ -91,6 +91,44 @@ def test_groups_of_oscillators_keep_their_order():
         alone = largest(load(), periods[k : k + 1], damping[k : k + 1], True)
         assert together.values[0, k] == pytest.approx(alone.values[0][0], rel=1e-11)
         assert together.values[1, k] == pytest.approx(alone.values[1][0], rel=1e-11)
+
+
+def test_a_peak_in_the_middle_of_a_piece_is_found():
+    """A peak between the ends of a piece slightly exceeds an earlier peak at the end of a piece."""
+    period, speed = 0.8, np.zeros(17)
+    length = np.full(17, period / 8)
+    length[8] = period / 16  # the peaks before this piece are at ends of pieces, those after it in the middle
+    speed[[0, 8]] = 1.0, 0.002
+    pulses = load(np.zeros((17, 1)), np.append(0.0, np.cumsum(length)[:-1]), length, speed)
+    found = largest(pulses, np.array([period]), np.zeros(1), False)
+    omega = 2 * math.pi / period
+    np.testing.assert_allclose(found.values[:, 0], [1.002 / omega, 1.002 * omega], rtol=1e-12)
+
+
+def test_a_peak_under_a_load_is_found_at_half_of_the_critical_damping():
+    """The load increases slowly to 1, so that |q̈ + 2ζωq̇ + ω²q| is twice ω²|q| at the peak after the kick."""
+    omega, h, ramp, count = 2 * math.pi, 1 / 32, 320, 337
+    terms = np.zeros((count, 2))
+    terms[:ramp] = np.stack([np.arange(ramp), np.ones(ramp)], axis=1) / ramp
+    terms[ramp:, 0] = 1.0
+    terms[-1, 0] -= omega * h
+    kick = np.zeros(count)
+    kick[-1] = -2.001 / omega
+    one = load(terms, h * np.arange(count), np.full(count, h), kick)
+    found, expected = (
+        largest(y, np.ones(1), np.full(1, 0.5), False, responses=("acceleration",))
+        for y in (one, one.divided(h / 64))
+    )
+    assert found.values[0, 0] == pytest.approx(expected.values[0, 0], rel=1e-10)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_turning_point_between_two_quarters_is_found(sign):
+    series = np.zeros((SERIES_TERMS, 1))
+    series[1:3, 0] = sign, -sign  # q = ±(τ/h)(1 − τ/h)
+    piece, fraction = _turning_points(series)
+    np.testing.assert_array_equal(piece, [0])
+    np.testing.assert_array_equal(fraction, [0.5])
 
 
 @pytest.mark.parametrize("index", [0, 1])

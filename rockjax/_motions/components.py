@@ -12,9 +12,12 @@ _DOWN_NAME = re.compile(r"(?:dn|dwn|down|downwards?|vertdown)\d*")
 # Channel codes: one letter each for band, instrument and orientation (HNZ, BHZ). Digits before or after the
 # letters are the code of a location.
 _CHANNEL_CODE = re.compile(r"(?:\d{2})?[a-z]{2}z\d{0,2}|\d{2}z")
-# Suffixes of the names of vertical motions. Names of horizontal motions rarely have these suffixes.
+# Suffixes of the names of vertical motions. Those that are also the ends of ordinary words, such as the names of
+# places (LA PAZ, SANTA CRUZ, VANCOUVER), count only after a separator or a digit, or as the whole name.
 _VERTICAL_SUFFIX = re.compile(
-    r"[-_. ]?(VERTICAL|VERT|VRT|VER|U-?D\d?|UP|DWN|DOWN|[A-Z]{2}Z\d{0,2}|V|Z)\.?$", re.IGNORECASE
+    r"(?:[-_. ]?(?P<distinctive>VERTICAL|VRT|DWN|[BH][HLN]Z\d{0,2})"
+    r"|(?:^|[-_. ]|(?<=\d))(?P<common>VERT|VER|U-?D\d?|UP|DOWN|[A-Z][GHLN]Z\d{0,2}|V|Z))\.?$",
+    re.IGNORECASE,
 )
 
 
@@ -45,4 +48,4 @@ def split_name(name: str) -> tuple[str, str]:
     """Split the name of a motion into a stem and the suffix of a vertical component. If the name has no such
     suffix, the stem is the whole name and the suffix is empty."""
     match = _VERTICAL_SUFFIX.search(name)
-    return (name[: match.start()], match[1]) if match else (name, "")
+    return (name[: match.start()], match["distinctive"] or match["common"]) if match else (name, "")

@@ -77,6 +77,14 @@ def test_vertical_components_by_the_ends_of_names(end):
     assert [pair.vertical and pair.vertical.name for pair in pairs] == [f"RSN1_ABC{end}"]
 
 
+@pytest.mark.parametrize(
+    "name", ["SANTA CRUZ", "LA PAZ", "Vancouver", "Kyiv", "Group", "Culvert", "Riyadh_SAUD"]
+)
+def test_names_of_places_are_no_vertical_components(name):
+    pairs = rj.Motions((named(name), named(f"{name}-UP", 1))).paired()
+    assert [pair.vertical and pair.vertical.name for pair in pairs] == [f"{name}-UP"]
+
+
 def test_operations_apply_to_the_vertical_motion_too():
     motion = dataclasses.replace(named("a"), vertical=named("v", 1, 0.5))
     vertical = motion.vertical

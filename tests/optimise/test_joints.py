@@ -201,3 +201,8 @@ def test_columns_sized_with_and_without_the_joints():
     assert with_joints.objective == pytest.approx(without.objective, rel=1e-4)
     narrower = DRAWING.replace(positions=(0.0, 7.0), width=0.99 * without.objective).podium()
     assert np.min(np.asarray(rotation.margins(narrower, TIGHT))) < 0
+
+
+def test_descriptions_of_targets_on_friction_state_the_given_limit():
+    assert optimise.PeakFriction(0.25, MOTIONS).describe() == "friction demand ≤ 0.25"
+    assert optimise.PeakLimit("peak_friction", 0.25, MOTIONS).describe() == "peak friction ≤ 0.25"
