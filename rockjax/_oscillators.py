@@ -378,12 +378,12 @@ def _search(
     - `sizes`: largest |q| at the ends of the pieces of each block, shape (blocks, N)
     """
     best = sizes.max(axis=0)
-    # A piece is searched if |q| at one of its ends is at least `min_size`. With ż = λz − a,
-    # q̈ + 2ζωq̇ + ω²q = Re(c λ̄) a − Re(c) ȧ. Let L bound the right-hand side, and let P be the largest |q|,
-    # reached inside a piece of length h. There q̇ = 0, and (e^(2ζωt) q̇)˙ = e^(2ζωt) (q̈ + 2ζωq̇), whose second
-    # factor is at most L + ω²P. Thus |q̇| ≤ e^(ζωh) (L + ω²P) s at a time s ≤ h/2 from the peak, and |q| at the
-    # nearer end of the piece is at least P − d (L + ω²P), with d = e^(ζωh) h²/8. Since P ≥ `best` and ω²d < 1,
-    # it is at least `min_size` = (1 − ω²d) `best` − d L.
+    # A piece is searched if |q| at one of its ends is at least `min_size`. The equation ż = λz − a gives
+    # q̈ + 2ζωq̇ + ω²q = Re(c λ̄) a − Re(c) ȧ. Let L be a bound of the right-hand side, and P the largest |q|. If
+    # P is reached inside a piece of length h, then q̇ = 0 there. The derivative of e^(2ζωt) q̇ is
+    # e^(2ζωt) (q̈ + 2ζωq̇), and |q̈ + 2ζωq̇| ≤ L + ω²P. At a time s ≤ h/2 before or after the peak, |q̇| is thus
+    # at most e^(ζωh) (L + ω²P) s. With d = e^(ζωh) h²/8, |q| ≥ P − d (L + ω²P) at its nearer end.
+    # Since P ≥ `best` and ω²d < 1, this is at least `min_size` = (1 − ω²d) `best` − d L.
     h, omega, terms = load.length, oscillators.omega, np.abs(load.terms)
     largest_load = (terms.sum(axis=1) * h**2).max() * np.abs(np.real(factor * oscillators.pole.conj()))
     steepest = ((terms @ np.arange(terms.shape[1])) * h).max() * np.abs(np.real(factor))

@@ -12,8 +12,8 @@ _DOWN_NAME = re.compile(r"(?:dn|dwn|down|downwards?|vertdown)\d*")
 # Channel codes: one letter each for band, instrument and orientation (HNZ, BHZ). Digits before or after the
 # letters are the code of a location.
 _CHANNEL_CODE = re.compile(r"(?:\d{2})?[a-z]{2}z\d{0,2}|\d{2}z")
-# Suffixes of the names of vertical motions. Those that are also the ends of ordinary words, such as the names of
-# places (LA PAZ, SANTA CRUZ, VANCOUVER), count only after a separator or a digit, or as the whole name.
+# Suffixes of the names of vertical motions. Suffixes that also end ordinary words, such as names of places
+# (LA PAZ, SANTA CRUZ), count only after a separator or a digit, or as the whole name.
 _VERTICAL_SUFFIX = re.compile(
     r"(?:[-_. ]?(?P<distinctive>VERTICAL|VRT|DWN|[BH][HLN]Z\d{0,2})"
     r"|(?:^|[-_. ]|(?<=\d))(?P<common>VERT|VER|U-?D\d?|UP|DOWN|[A-Z][GHLN]Z\d{0,2}|V|Z))\.?$",
