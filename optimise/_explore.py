@@ -74,7 +74,8 @@ class Explorer:
     - `picture`: picture of the response as PNG, twice as wide in pixels as on the page
 
     If the values together define no valid structure, an error message replaces the table of peaks, and `peak`
-    and `picture` do not change. `structure` and `podium` then raise a `ValueError` with this message.
+    and `picture` do not change. `structure` and `podium` then raise a `ValueError` with this message. If the
+    structure is valid, but `options.overturn_ratio` is too large for it, only the table shows the message.
     """
 
     def __init__(self, structure, excitation, vary: Mapping[str, tuple[float, float]], options: rj.Options):

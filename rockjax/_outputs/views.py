@@ -161,7 +161,7 @@ class Step:
     ):
         self.scene, self.ends_on_maxima, self.ground_at = scene, ends_on_maxima, ground_at
         self.state, self.trial, self.guard = state, trial, guard
-        self._courses: dict[Quantity, list[Course]] = {}
+        self._courses: dict[tuple[Quantity, bool], list[Course]] = {}  # results of `courses`
         self.span = Span(trial.h, is_long(trial.h, scene.max_step), before, after)
 
     @property
@@ -198,8 +198,9 @@ class Step:
         With `through_middle`, return quartics through the values in the middle of the step instead of cubics.
         Quartics have more accurate extrema, so fewer steps are shortened to end on extrema.
         """
-        if quantity in self._courses:  # several outputs may use the same quantity
-            return self._courses[quantity]
+        key = quantity, through_middle
+        if key in self._courses:  # several outputs may use the same quantity
+            return self._courses[key]
         state, trial, c, sigma = self.state, self.trial, self.c, self.sigma
 
         def at_state(t, x, v):
@@ -222,7 +223,7 @@ class Step:
                 course._replace(path=quartic(course.path, value, self.span.long))
                 for course, value in zip(courses, values, strict=True)
             ]
-        self._courses[quantity] = courses
+        self._courses[key] = courses
         return courses
 
     @functools.cached_property

@@ -100,18 +100,23 @@ def check_range(owner: str, podium: Podium, excitation: AbstractExcitation, t_en
 
     Raises `ValueError` in three cases: an array of the excitation does not have JAX's default floating-point
     type; `check_overturn_ratio` rejects the overturn ratio; or `t_end` is not finite, or not after the start
-    of the excitation. For a batch of excitations, the earliest start counts. Values that JAX traces are not
-    checked.
+    of the excitation, in a batch of any of its excitations. Values that JAX traces are not checked.
     """
     check_dtype(owner, "excitation", excitation)
     check_overturn_ratio(owner, podium, options)
     if t_end is None:
         return
-    start = concrete(excitation.support[0])
-    if start is not None:
-        earliest = float(start.min())
-        accepted = f"finite and after the start of the excitation at {earliest:.6g} s"
-        require(owner, "t_end", t_end, lambda v: v > earliest, accepted)
+    start, end = concrete(excitation.support[0]), concrete(t_end)
+    if start is None:
+        return
+    if end is not None:
+        try:
+            start, t_end = np.broadcast_arrays(start, end)
+        except ValueError:
+            return  # the caller reports shapes that do not broadcast
+    which = "the excitation at" if start.size == 1 else "every excitation; the latest starts at"
+    accepted = f"finite and after the start of {which} {start.max():.6g} s"
+    require(owner, "t_end", t_end, lambda v: v > start, accepted)
 
 
 def check_overturn_ratio(owner: str, podium: Podium, options: Options) -> None:

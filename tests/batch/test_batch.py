@@ -10,6 +10,7 @@ import pytest
 import rockjax as rj
 from rockjax._machine import memory
 from rockjax._machine.threads import run_in_threads
+from rockjax._responses.arguments import check_range
 from tests.scenes import PODIUMS, G, elastic, options, shaking
 
 FIELDS = (
@@ -318,3 +319,14 @@ def test_an_error_in_one_thread_stops_the_others():
     with pytest.raises(RuntimeError, match="second"):
         run_in_threads(work, 2, stop, raises=True)
     assert stopped == [True]
+
+
+def test_every_scene_ends_after_the_start_of_its_motion():
+    pulses = rj.Ricker(3.2, np.array([1.0, 0.7]))  # start at -2.2 s and at -1.54 s
+    words = (
+        r"t_end must be finite and after the start of every excitation; the latest starts at -1\.54 s, got"
+    )
+    for t_end in (-2.0, [-1.0, -1.6], [[-1.0], [-1.6]]):
+        with pytest.raises(ValueError, match=words):
+            rj.peak_responses(PODIUMS["rigid"], pulses, t_end=np.array(t_end))
+    check_range("peak_responses", PODIUMS["rigid"], pulses, np.array([-2.0, -1.0]), rj.Options())

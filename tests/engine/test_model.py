@@ -1,5 +1,7 @@
 """Equations of motion, compared with automatic derivatives of the Lagrangian."""
 
+import types
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,6 +14,8 @@ from rockjax._engine.energy import energy, energy_after, potential
 from rockjax._engine.runge_kutta import Step
 from rockjax._engine.scene import default_end, plan_for, prepare
 from rockjax._engine.transitions import after_impact, contact_mode
+from rockjax._outputs import views
+from rockjax._outputs.maxima import Cubic, Quartic
 from rockjax._programs.program import ARRAYS
 from rockjax._responses.work import power, restoring_moment
 from tests.scenes import PODIUMS, G
@@ -415,3 +419,16 @@ def test_guard_follows_the_motion(sigma):
         )
         np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-9)
     np.testing.assert_allclose([at_end.c0, at_end.c1, 2 * at_end.c2], expected, rtol=1e-12)
+
+
+def test_a_step_has_both_polynomials_of_a_quantity():
+    """A step returns the cubic and the quartic of the same quantity, whichever comes first."""
+    scene, lane = prepared(PODIUMS["rigid"])
+    zero = jnp.zeros(())
+    trial = Step((zero + 0.04,), (zero + 0.2,), (zero,), (zero + 0.04,), (zero + 0.2,))
+    attempt = types.SimpleNamespace(h=zero + 0.05, a0=(zero,), end=trial)
+    lane = lane._replace(sigma=zero + 1, x=(zero + 0.03,), v=(zero + 0.2,))
+    step = views.Step(scene, False, lane, jnp.zeros_like, attempt, None, zero, zero)
+    quantity = lambda moment: (moment.x[0] ** 4,)
+    paths = [step.courses(quantity, through_middle)[0].path for through_middle in (False, True, False)]
+    assert [type(path) for path in paths] == [Cubic, Quartic, Cubic]

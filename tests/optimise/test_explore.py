@@ -159,6 +159,15 @@ def test_other_things_are_not_explored():
         optimise.explore(COLUMN, PULSE, {"a_p": (1.0, 5.0)}, options=rj.Options(overturn_ratio=12.0))
 
 
+def test_a_structure_for_which_the_overturn_ratio_is_too_large_is_valid(study, monkeypatch):
+    monkeypatch.setattr(study, "_options", study._options.replace(overturn_ratio=3.5))
+    peak, picture = study.peak, study.picture
+    study.sliders["width"].value = 1.5
+    assert "options.overturn_ratio must be" in study._text.value
+    assert (study.peak, study.picture) == (peak, picture)
+    assert float(study.podium.width) == study.structure.width == 1.5
+
+
 def test_values_without_a_valid_structure_are_reported():
     column = optimise.Dimensions(0.45, 3.0, 1.5e3, 30e3, positions=(0.0, 5.0))
     study = optimise.explore(column, PULSE, {"width": (0.3, 1.2), "position_2": (1.0, 8.0)})
