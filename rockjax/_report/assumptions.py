@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from rockjax import _results as results
+
 if TYPE_CHECKING:
     import xarray
 
@@ -22,11 +24,13 @@ class Outcome(NamedTuple):
     - `violated`: for each scene, whether it violates the assumption, (scenes,)
     - `worst`: number that is inserted in `text`, such as the tested value in the worst scene
     - `text`: description of the result, with `{}` at the place of the number
+    - `unfinished`: number of scenes that did not finish, and may violate the assumption later
     """
 
     violated: np.ndarray
     worst: float
     text: str
+    unfinished: int = 0
 
 
 class Assumption(NamedTuple):
@@ -60,14 +64,29 @@ def opens_joint(data: xarray.Dataset) -> np.ndarray:
     return opens
 
 
-def _of_columns(problem: Problem, outcome: Outcome) -> Outcome | str:
+def _outcome(
+    data: xarray.Dataset, violated: np.ndarray, values: np.ndarray, worst: np.ufunc, text: str
+) -> Outcome | str:
+    """Return the outcome of a test, or a sentence if no scene finished and none violates the assumption.
+
+    - `data`: dataset of the scenes; `violated`, `text`: fields of `Outcome`
+    - `values`: tested value of each scene, (scenes,); NaN where unknown
+    - `worst`: `np.fmin` if the least value is the worst, `np.fmax` if it is the largest
+    """
+    unfinished = results.did_not_finish(data["result"].values)
+    if unfinished.all() and not violated.any():
+        return "Not tested: no scene finished."
+    return Outcome(violated, float(worst.reduce(values)), text, int(unfinished.sum()))
+
+
+def _of_columns(problem: Problem, outcome: Outcome | str) -> Outcome | str:
     """Return the outcome of a test of joint forces, or a sentence if the outcome is not valid for every
     column.
 
     Without positions of the columns, the forces are those of the mean column. These forces can show that an
     assumption is violated, but not that it holds for every column.
     """
-    if problem.podium.elevation is not None or outcome.violated.any():
+    if isinstance(outcome, str) or problem.podium.elevation is not None or outcome.violated.any():
         return outcome
     found = outcome.text.format(f"{outcome.worst:.3g}")
     return f"Not tested for each column: the structure has no positions of columns. Mean column: {found}."
@@ -82,16 +101,13 @@ def _no_sliding(problem: Problem, data: xarray.Dataset) -> Outcome | str:
         return "Not tested: the structure has no positions of columns."
     demand = data["peak_friction"].values.max(axis=-1)
     tested = np.where(np.isfinite(demand) & ~opens_joint(data), demand, -np.inf)
-    worst = float(tested.max())
-    if worst == -np.inf:
-        return "Not tested: a joint opens under every motion."
+    if tested.max() == -np.inf:
+        return "Not tested: under every motion a joint opens or the demand is unknown."
     text = f"largest demand {{}} while all joints are closed, μ = {mu:g}"
-    return _of_columns(problem, Outcome(tested > mu, worst, text))
+    return _of_columns(problem, _outcome(data, tested > mu, tested, np.fmax, text))
 
 
 def _closed_under_vertical_motion(problem: Problem, data: xarray.Dataset) -> Outcome | str:
-    from rockjax import _results as results
-
     del problem
     is_weightless = np.array([results.NAMES[int(code)] == "weightless" for code in data["result"].values])
     return Outcome(is_weightless, float(is_weightless.sum()), "{} scenes in which the weight vanishes")
@@ -102,8 +118,8 @@ def _beam_rests_on_columns(problem: Problem, data: xarray.Dataset) -> Outcome | 
         return "Not tested: the structure has no positions of columns."
     least = data["least_axial_force"].values.min(axis=-1)
     column = "a column" if problem.podium.elevation is not None else "the mean column"
-    outcome = Outcome(opens_joint(data), float(least.min()), f"least axial force {{}} m_c g of {column}")
-    return _of_columns(problem, outcome)
+    text = f"least axial force {{}} m_c g of {column}"
+    return _of_columns(problem, _outcome(data, opens_joint(data), least, np.fmin, text))
 
 
 def _never_tested(reason: str) -> Callable[[Any, Any], str]:
@@ -136,9 +152,8 @@ def _second_order_moments(problem: Problem, data: xarray.Dataset) -> Outcome | s
     drift_ratio = (data["peak_drift"].values / heights).max(axis=-1)
     shear = data["peak_shear"].values
     coefficient = np.divide(drift_ratio, shear, out=np.zeros_like(drift_ratio), where=shear > 0)
-    return Outcome(
-        coefficient > 0.1, float(coefficient.max()), "largest drift ratio · W/V {} (usual limit 0.1)"
-    )
+    text = "largest drift ratio · W/V {} (usual limit 0.1; W weight, V base shear of the building)"
+    return _outcome(data, coefficient > 0.1, coefficient, np.fmax, text)
 
 
 ASSUMPTIONS = (

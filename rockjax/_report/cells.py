@@ -36,6 +36,14 @@ def number_cell(
     return Quantity(value, kind, error, note=note)
 
 
+def unanswered_cell(code: Any) -> TextCell | None:
+    """Return a cell with the name of a result, such as "out of steps", if a scene with this result did not
+    finish; otherwise None. `code`: code of the result."""
+    if not results.did_not_finish(code):
+        return None
+    return TextCell(results.NAMES[int(code)].replace("_", " "), "unanswered")
+
+
 def peak_cell(data: xarray.Dataset, k: int, value: Any, kind: str, error: Any = None) -> Quantity | TextCell:
     """Return a cell with a peak of a scene.
 
@@ -46,9 +54,9 @@ def peak_cell(data: xarray.Dataset, k: int, value: Any, kind: str, error: Any = 
     - `data`: dataset of scenes along `motion`; `k`: index of the scene
     - `value`, `kind`, `error`: as for `number_cell`
     """
-    code = int(data["result"].values[k])
-    if results.did_not_finish(code):
-        return TextCell(results.NAMES[code].replace("_", " "), "unanswered")
+    unanswered = unanswered_cell(data["result"].values[k])
+    if unanswered is not None:
+        return unanswered
     if bool(data["overturned"].values[k]):
         until = f"until {float(data['overturn_time'].values[k]):.2f} s"
         return number_cell(value, kind, error, "joint opens", until)

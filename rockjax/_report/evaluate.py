@@ -61,7 +61,7 @@ def check_skip(skip: tuple[str, ...]) -> None:
     """Raise `ValueError` for unknown names in the argument `skip` of `evaluate`."""
     for name in skip:
         if name not in SKIPPABLE:
-            raise ValueError(f"evaluate: skip must hold some of {', '.join(SKIPPABLE)}, got {name!r}")
+            raise ValueError(f"evaluate: skip may contain only {', '.join(SKIPPABLE)}, got {name!r}")
 
 
 def evaluate_with_store(
@@ -280,11 +280,15 @@ def _repeat(check: Check, scenes: Scenes, law: str | None = None, variation: str
 
 
 def _spread(check: Check, scenes: Scenes) -> dict[str, tuple[float, float]]:
-    """Return input → (U with the input decreased, U with the input increased) [–]. U is NaN if the changed
-    input is not valid."""
-    varied = {variation: _repeat(check, scenes, variation=variation)[0][1] for variation in scenes.variations}
+    """Return input → (U with the input decreased, U with the input increased) [–], as for `Check.spread`."""
+
+    def utilisation(variation: str) -> float:
+        (least, estimated, _), values = _repeat(check, scenes, variation=variation)
+        return math.nan if any(values.unanswered) and not least > 1 else estimated
+
+    varied = {variation: utilisation(variation) for variation in scenes.variations}
     names = dict.fromkeys(variation[:-1] for variation in scenes.variations)
-    return {name: tuple(varied.get(f"{name}{sign}", math.nan) for sign in "-+") for name in names}
+    return {name: (varied.get(f"{name}-", math.nan), varied.get(f"{name}+", math.nan)) for name in names}
 
 
 def _laws(check: Check, scenes: Scenes) -> dict[str, tuple[float, str]]:

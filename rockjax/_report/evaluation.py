@@ -40,7 +40,8 @@ class Check:
     - `sensitivities`: input y → derivative d ln U/d ln y; "motion" is the factor on the motions. If there are
       no derivatives, `no_slopes` is the reason
     - `spread`: input → (U with the input decreased, U with the input increased); empty if not computed. U is
-      NaN if the changed input is not valid, or if there is no value
+      NaN if the changed input is not valid, or if a scene has no decided answer and the others do not show
+      that U > 1
     - `laws`: law of impact → (U, result), where violated assumptions are ignored; empty if not computed
     """
 
@@ -104,7 +105,7 @@ class Evaluation:
     - `checks`: a `Check` for every entry of `[[checks]]` and `[[targets]]`
     - `assumptions`: set of motions → id of the assumption, such as `"A7"` → result of its test, or a text
       that states why it was not tested. The result has the fields `violated` (a boolean for each scene),
-      `worst` and `text`. A set is left out if no check of this set has `values`
+      `worst`, `text` and `unfinished`. A set is left out if no check of this set has `values`
     - `skipped`: the argument `skip` of `evaluate`
     - `make_tables`: function that returns the tables of an evaluation
     """

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from rockjax import _results as results
 from rockjax._batch.batch import LANES
 from rockjax._boundaries.boundary import BOUNDARY, boundary_slopes
 from rockjax._boundaries.crossings import Plane, margins, scan
@@ -57,7 +58,8 @@ def least_factors(scenes: Scenes, name: str, event: str) -> xarray.Dataset:
     be missed.
 
     Raises `ValueError` for a motion without horizontal acceleration, and `RuntimeError` if the least uplift
-    factor is too small to be found. Both errors occur for "uplift" only.
+    factor is too small to be found or a scene without uplift does not finish. Both errors occur for "uplift"
+    only.
     """
     return scenes.store.get(*_stored_search(scenes, name, event))
 
@@ -94,6 +96,7 @@ def _uplift(scenes: Scenes, motions: MotionSet) -> xarray.Dataset:
     # error.
     excitations = [y.scaled(0.9 * f) for y, f in zip(motions.excitations, factor, strict=True)]
     data = scenes.solve(scenes.problem.podium, excitations, _uplift_options(scenes.problem), ("motion",))
+    _check_finished(motions, data["result"].values)
     factor = 0.9 * factor / data["uplift_ratio"].values
     error = factor * data["uplift_ratio_error"].values / data["uplift_ratio"].values
     return xarray.Dataset({"factor": ("motion", factor), "error": ("motion", error)}, attrs={"limit": np.inf})
@@ -123,13 +126,24 @@ def _estimate_uplift_factors(scenes: Scenes, motions: MotionSet) -> np.ndarray:
     for _ in range(20):
         excitations = [y.scaled(f) for y, f in zip(motions.excitations, factors, strict=True)]
         peaks = peak_responses(podium, excitations, options=options)
-        if not np.any(peaks.uplifted):
+        codes = np.asarray(results.code_of(peaks.result))
+        # Vertical motion lifts the columns before their weight vanishes.
+        uplifted = np.asarray(peaks.uplifted) | (codes == results.WEIGHTLESS)
+        _check_finished(motions, codes[~uplifted])
+        if not np.any(uplifted):
             return factors / np.asarray(peaks.uplift_ratio)
-        factors = np.where(peaks.uplifted, factors / 3, factors)
+        factors = np.where(uplifted, factors / 3, factors)
     raise RuntimeError(
         f"report: a motion of {motions.name} lifts the columns even if multiplied by "
         f"{3 * factors.min():.2g}; check the unit of the motions"
     )
+
+
+def _check_finished(motions: MotionSet, codes: np.ndarray) -> None:
+    """Raise `RuntimeError` if a scene without uplift did not finish. `codes`: results of the scenes."""
+    failures = results.explain_failures(codes)
+    if failures:
+        raise RuntimeError(f"report: the uplift factors of {motions.name} are unknown: {failures}")
 
 
 def _overturning(scenes: Scenes, motions: MotionSet) -> xarray.Dataset:

@@ -406,7 +406,7 @@ def test_a_search_without_overturning_is_not_an_open_joint(tmp_path):
     assert (row.value.state, row.value.tone) == ("none", "plain")
     (check,) = evaluate(read(tmp_path, SCALE.replace("1.5", "15.0"), file), skip=("spread",)).checks
     assert check.result == "UNDECIDED"
-    assert check.reason.endswith("have no decided answer: the limit exceeds what the searched range shows")
+    assert check.reason.endswith("have no decided answer: the limit is beyond the searched range")
 
 
 @pytest.mark.parametrize(

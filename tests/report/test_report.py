@@ -308,7 +308,7 @@ def test_the_printed_report_has_every_row(browser, folder, report):
 def test_wrong_arguments(folder, report):
     with pytest.raises(ValueError, match=r"must be a \.html file.*print the page"):
         rj.report(folder / "problem.toml", folder / "page.pdf")
-    with pytest.raises(ValueError, match="skip must hold some of risk, methods, spread"):
+    with pytest.raises(ValueError, match="skip may contain only risk, methods, spread"):
         rj.evaluate(folder / "problem.toml", skip=("all",))
     with pytest.raises(ValueError, match="units"):
         rj.report(folder / "problem.toml", units="furlong")

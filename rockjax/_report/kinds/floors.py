@@ -13,7 +13,7 @@ import numpy as np
 from rockjax import _results as results
 from rockjax._problem import models
 from rockjax._problem.reading import Reader
-from rockjax._report.cells import peak_cell, slug
+from rockjax._report.cells import peak_cell, slug, unanswered_cell
 from rockjax._report.derivatives import SlopesFunction, slopes_of
 from rockjax._report.entry import CheckKeys, Entry
 from rockjax._report.problem import Problem
@@ -76,7 +76,9 @@ class FloorKind(Kind):
         data = scenes.peaks(str(entry.motions), law, variation).sel({self.dim: names})
         peaks = np.array(data[self.variable].values, float)
         peaks[self._overturned(data)] = np.inf
-        worst, rows = np.argmax(peaks, axis=-1), np.arange(len(peaks))
+        # A NaN, of a block that did not finish, cannot be the largest peak.
+        worst = np.argmax(np.where(np.isnan(peaks), -np.inf, peaks), axis=-1)
+        rows = np.arange(len(peaks))
         errors = errors_of(data, self.variable)[rows, worst]
         locations = [names[k] for k in worst]
         result = with_texts(scenes, entry, data, peaks[rows, worst], errors, locations, False)
@@ -114,7 +116,7 @@ class FloorKind(Kind):
         del values
         name, data = str(entry.motions), scenes.peaks(str(entry.motions))
         labels = [str(y) for y in data[self.dim].values]
-        overturned, rows = self._overturned(data), []
+        overturned, codes, rows = self._overturned(data), data[f"{self.dim}_result"].values, []
         for k, motion in enumerate(scenes.motion_set(name).names):
             cells = []
             for j in range(len(labels)):
@@ -125,7 +127,7 @@ class FloorKind(Kind):
                         "overturned",
                     )
                     if overturned[k, j]
-                    else peak_cell(data, k, value, self.quantity)
+                    else unanswered_cell(codes[k, j]) or peak_cell(data, k, value, self.quantity)
                 )
             rows.append((TextCell(motion), *cells))
         columns = (Column("Motion"), *(Column(f"{self.symbol}, {y}", self.quantity) for y in labels))

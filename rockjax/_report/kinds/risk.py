@@ -216,16 +216,18 @@ class ShareKind(Kind):
     def tables(self, entry: Entry, values: Values, scenes: Scenes) -> list[Table]:
         del values
         data, names = self._scenes(entry, scenes), scenes.motion_set(str(entry.motions)).names
-        rows = [
-            (
-                TextCell(name),
-                TextCell("overturned", "overturned") if is_overturned else TextCell("survives", "holds"),
-            )
-            for name, is_overturned in zip(names, data["overturned"].values, strict=True)
-        ]
+        outcomes = map(_outcome_cell, data["overturned"].values, unanswered_scenes(data))
+        rows = [(TextCell(name), outcome) for name, outcome in zip(names, outcomes, strict=True)]
         factor = float(entry.arguments.get("intensity", 1.0))
         caption = f"Motions of the set {entry.motions} × {factor:g}, check {entry.id}"
         return [Table(f"share-{slug(entry.id)}", caption, (Column("Motion"), Column("Columns")), tuple(rows))]
+
+
+def _outcome_cell(is_overturned: bool, unanswered: str) -> TextCell:
+    """Return a cell with the outcome of a scene. `unanswered`: its text from `unanswered_scenes`."""
+    if unanswered:
+        return TextCell(unanswered.replace("_", " "), "unanswered")
+    return TextCell("overturned", "overturned") if is_overturned else TextCell("survives", "holds")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -68,7 +68,7 @@ def searched_values(
     )
     if not greatest >= entry.limit > least:
         return result
-    reason = "the limit exceeds what the searched range shows"
+    reason = "the limit is beyond the searched range"
     return result._replace(unanswered=tuple(reason if missing else "" for missing in is_missing))
 
 

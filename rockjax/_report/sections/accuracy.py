@@ -39,10 +39,12 @@ def section(evaluation: Evaluation, units: Units) -> Section:
     counts = []
     for name in sets_with_scenes(evaluation):
         data = evaluation.scenes.peaks(name)
+        codes, undecided = data["result"].values, data["undecided"].values
+        unfinished = results.did_not_finish(codes)
         for variable, (entry, _) in VARIABLES.items():
             if f"{variable}_error" not in data:
                 continue
-            error, value = data[f"{variable}_error"].values, data[variable].values
+            error, value = (data[y].values[~unfinished] for y in (f"{variable}_error", variable))
             kind = kind_of_unit(entry.unit)
             errors, values = error[np.isfinite(error)], value[np.isfinite(value)]
             rows.append(
@@ -55,14 +57,13 @@ def section(evaluation: Evaluation, units: Units) -> Section:
                     else TextCell("no finite value", "none"),
                 )
             )
-        codes, undecided = data["result"].values, data["undecided"].values
         counts.append(
             (
                 TextCell(name),
                 Quantity(len(codes), "count"),
                 Quantity(int(data["overturned"].values.sum()), "count"),
                 Quantity(int(undecided.sum()), "count"),
-                Quantity(int(results.did_not_finish(codes).sum()), "count"),
+                Quantity(int(unfinished.sum()), "count"),
                 Quantity(int(data["steps"].values.sum()), "count"),
             )
         )

@@ -58,7 +58,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 def _row(assumption: Assumption, evaluation: Evaluation) -> tuple[TextCell, ...]:
     """Return the row of an assumption. The assumption counts as violated if it is violated for any set of
     motions."""
-    texts, violated, tested = [], False, False
+    texts, violated, tested, unfinished = [], False, False, 0
     for name, outcomes in evaluation.assumptions.items():  # sets of motions
         outcome = outcomes[assumption.id]
         if isinstance(outcome, str):
@@ -67,6 +67,7 @@ def _row(assumption: Assumption, evaluation: Evaluation) -> tuple[TextCell, ...]
             continue
         tested = True
         violated |= bool(outcome.violated.any())
+        unfinished += outcome.unfinished
         texts.append(_sentence(name, outcome))
     if assumption.id == "A6":  # the law of impact; the test compares the results of checks under other laws
         changed = [
@@ -79,6 +80,8 @@ def _row(assumption: Assumption, evaluation: Evaluation) -> tuple[TextCell, ...]
         texts.append(f"Results that change: {', '.join(changed) or 'none'}.")
     words = {"A6": ("matters", "makes no difference")}.get(assumption.id, ("violated", "holds"))
     result = TextCell(words[0], "violated") if violated else TextCell(words[1], "holds")
+    if unfinished and not violated:
+        result = TextCell("undecided", "undecided")
     return (
         TextCell(assumption.id),
         TextCell(assumption.text),
@@ -97,9 +100,10 @@ def _result_if_valid(check: Check) -> str:
 def _sentence(name: str, outcome: Outcome) -> str:
     """Return the outcome of a test for the set of motions `name`, as a sentence."""
     worst = f"{outcome.worst:.3g}" if math.isfinite(outcome.worst) else "without bound"
-    count = int(np.sum(outcome.violated))
-    share = f"; violated in {count} of {len(outcome.violated)} scenes" if count else ""
-    return f"{name}: {outcome.text.format(worst)}{share}."
+    count, scenes = int(np.sum(outcome.violated)), len(outcome.violated)
+    share = f"; violated in {count} of {scenes} scenes" if count else ""
+    unfinished = f"; {outcome.unfinished} of {scenes} scenes did not finish" if outcome.unfinished else ""
+    return f"{name}: {outcome.text.format(worst)}{share}{unfinished}."
 
 
 def _laws(evaluation: Evaluation) -> Table | None:

@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockjax import _results as results
 from rockjax._report.blocks import Paragraph, Section
 from rockjax._report.cells import number_cell, peak_cell, slug
-from rockjax._report.tables import Column, Table, TextCell
+from rockjax._report.tables import Cell, Column, Table, TextCell
 from rockjax._report.units import Units
 
-from .common import details, sets_with_scenes
+from .common import NO_SCENE, details, governing_motion, omitted_scenes, sets_with_scenes, surviving_scenes
 
 if TYPE_CHECKING:
     from rockjax._report.evaluation import Evaluation
@@ -28,17 +27,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
         if "peak_drift" in data:
             blocks.append(_stories(evaluation, name))
         if "peak_shear" in data:
-            k = int(np.nanargmax(data["peak_shear"].values))
-            label = evaluation.problem.motions[name].names[k]
-            jump = data["peak_velocity_jump"][k] if "peak_velocity_jump" in data else np.nan
-            shears.append(
-                (
-                    TextCell(name),
-                    TextCell(label),
-                    peak_cell(data, k, data["peak_shear"][k], "number"),
-                    number_cell(jump, "velocity", text="no impact"),
-                )
-            )
+            shears.append(_shear(evaluation, name))
     if shears:
         columns = (
             Column("Set"),
@@ -71,11 +60,27 @@ def section(evaluation: Evaluation, units: Units) -> Section:
     return Section(6, "Building", tuple(blocks))
 
 
+def _shear(evaluation: Evaluation, name: str) -> tuple[Cell, ...]:
+    """Return the row of a set in the table of the largest base shear, among the scenes that survive."""
+    data = evaluation.scenes.peaks(name)
+    heading = TextCell(name, note=omitted_scenes(data))
+    k = governing_motion(data, "peak_shear")
+    if k is None:
+        return heading, *[NO_SCENE] * 3
+    jump = data["peak_velocity_jump"][k] if "peak_velocity_jump" in data else np.nan
+    return (
+        heading,
+        TextCell(evaluation.problem.motions[name].names[k]),
+        peak_cell(data, k, data["peak_shear"][k], "number"),
+        number_cell(jump, "velocity", text="no impact"),
+    )
+
+
 def _stories(evaluation: Evaluation, name: str) -> Table:
     """Return the table of the largest and the mean peaks in each storey. The peaks are those of the scenes in
     which the columns survive. A scene is the structure under one motion."""
     data, heights = evaluation.scenes.peaks(name), evaluation.problem.story_heights
-    survives = ~data["overturned"].values & ~results.did_not_finish(data["result"].values)
+    survives = surviving_scenes(data)
     drift, acceleration = (data[y].values[survives] for y in ("peak_drift", "peak_floor_acceleration"))
     columns = (
         Column("Storey"),
@@ -88,7 +93,7 @@ def _stories(evaluation: Evaluation, name: str) -> Table:
     rows = []
     for j in range(data["peak_drift"].shape[-1]):
         if not len(drift):
-            rows.append((TextCell(f"storey {j + 1}"), *[TextCell("no scene survives", "overturned")] * 5))
+            rows.append((TextCell(f"storey {j + 1}"), *[NO_SCENE] * 5))
             continue
         ratio = (
             number_cell(drift[:, j].max() / heights[j], "ratio")
@@ -105,6 +110,6 @@ def _stories(evaluation: Evaluation, name: str) -> Table:
                 number_cell(acceleration[:, j].mean(), "acceleration"),
             )
         )
-    omitted = int((~survives).sum())
-    note = f" ({omitted} overturned or unanswered scenes left out)" if omitted else ""
-    return Table(f"stories-{slug(name)}", f"Storeys, set {name}{note}", columns, tuple(rows))
+    note = omitted_scenes(data)
+    caption = f"Storeys, set {name}" + (f" ({note})" if note else "")
+    return Table(f"stories-{slug(name)}", caption, columns, tuple(rows))

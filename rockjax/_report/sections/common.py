@@ -15,16 +15,40 @@ import numpy as np
 from rockjax import _results as results
 from rockjax._report.blocks import Figure
 from rockjax._report.store import fingerprint
+from rockjax._report.tables import TextCell
 
 if TYPE_CHECKING:
+    import xarray
+
     from rockjax._report.evaluation import Evaluation
     from rockjax._report.scenes import Scenes
     from rockjax._report.tables import Table
+
+NO_SCENE = TextCell("no scene survives", "overturned")  # in place of a number of the surviving scenes
 
 
 def sets_with_scenes(evaluation: Evaluation) -> tuple[str, ...]:
     """Return the names of the sets of motions for which at least one check has values."""
     return tuple(evaluation.assumptions)
+
+
+def surviving_scenes(data: xarray.Dataset) -> np.ndarray:
+    """Return for each scene of a dataset whether it finished without overturning, (motions,)."""
+    return ~(data["overturned"].values | results.did_not_finish(data["result"].values))
+
+
+def omitted_scenes(data: xarray.Dataset) -> str:
+    """Return a note on the number of scenes that overturned or did not finish; "" if there are none."""
+    survives = surviving_scenes(data)
+    count = int((~survives).sum())
+    return f"{count} of {survives.size} scenes left out: overturned or did not finish" if count else ""
+
+
+def governing_motion(data: xarray.Dataset, name: str) -> int | None:
+    """Return the index of the scene with the largest value of the variable `name` among the scenes that
+    finished without overturning; None if there are no such scenes."""
+    survivors = np.flatnonzero(surviving_scenes(data))
+    return int(survivors[np.argmax(data[name].values[survivors])]) if survivors.size else None
 
 
 def governing_scene(scenes: Scenes, names: Iterable[str]) -> tuple[str, int] | None:
@@ -36,11 +60,10 @@ def governing_scene(scenes: Scenes, names: Iterable[str]) -> tuple[str, int] | N
     governing: tuple[float, str, int] | None = None
     for name in names:
         data = scenes.peaks(name)
-        is_left_out = data["overturned"].values | results.did_not_finish(data["result"].values)
-        rotation = np.where(is_left_out, -1.0, data["peak_rotation"].values)
-        k = int(np.argmax(rotation))
-        if rotation[k] >= 0 and (governing is None or rotation[k] > governing[0]):
-            governing = float(rotation[k]), name, k
+        k = governing_motion(data, "peak_rotation")
+        rotation = -1.0 if k is None else float(data["peak_rotation"][k])
+        if k is not None and (governing is None or rotation > governing[0]):
+            governing = rotation, name, k
     return None if governing is None else governing[1:]
 
 

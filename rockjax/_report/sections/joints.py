@@ -13,7 +13,14 @@ from rockjax._report.pictures import to_svg
 from rockjax._report.tables import Code, Column, Formula, Table, Text, TextCell
 from rockjax._report.units import Units
 
-from .common import governing_scene, sets_with_scenes, stored_figure
+from .common import (
+    NO_SCENE,
+    governing_motion,
+    governing_scene,
+    omitted_scenes,
+    sets_with_scenes,
+    stored_figure,
+)
 
 if TYPE_CHECKING:
     import xarray
@@ -98,15 +105,16 @@ def _table(evaluation: Evaluation, name: str) -> Table:
 
 
 def _shears(evaluation: Evaluation, names: list[str]) -> Table:
-    """Return the table of the largest foundation shear of each set."""
+    """Return the table of the largest foundation shear of each set, among the scenes that survive."""
     rows = []
     for name in names:
         data = evaluation.scenes.peaks(name)
-        k = int(np.argmax(data["peak_foundation_shear"].values))
-        label = evaluation.problem.motions[name].names[k]
-        rows.append(
-            (TextCell(name), TextCell(label), peak_cell(data, k, data["peak_foundation_shear"][k], "number"))
-        )
+        k = governing_motion(data, "peak_foundation_shear")
+        cells: list[Any] = [NO_SCENE] * 2
+        if k is not None:
+            label = evaluation.problem.motions[name].names[k]
+            cells = [TextCell(label), peak_cell(data, k, data["peak_foundation_shear"][k], "number")]
+        rows.append((TextCell(name, note=omitted_scenes(data)), *cells))
     columns = (Column("Set"), Column("Motion"), Column("max|V| / total weight", "number"))
     return Table("foundation-shear", "Foundation shear, governing motion of each set", columns, tuple(rows))
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rockjax._report.blocks import Figure, Paragraph, Section
-from rockjax._report.cells import number_cell, peak_cell, slug
+from rockjax._report.cells import number_cell, peak_cell, slug, unanswered_cell
 from rockjax._report.kinds import KINDS
 from rockjax._report.kinds.peaks import deck_displacement
 from rockjax._report.pictures import to_svg
@@ -16,7 +16,7 @@ from rockjax._report.scales import MAX_SCALE, least_factors
 from rockjax._report.tables import Column, Quantity, Table, TextCell
 from rockjax._report.units import Units
 
-from .common import details, governing_scene, sets_with_scenes, stored_figure
+from .common import details, governing_motion, governing_scene, sets_with_scenes, stored_figure
 
 if TYPE_CHECKING:
     import xarray
@@ -58,7 +58,6 @@ def _table(evaluation: Evaluation, name: str) -> Table:
     problem file has a check `overturning-scale` of the set, the table also has the overturning factors."""
     scenes = evaluation.scenes
     data, motions = scenes.peaks(name), evaluation.problem.motions[name]
-    podium = evaluation.problem.podium
     columns = [
         Column("Motion"),
         Column("First uplift", "time"),
@@ -75,35 +74,42 @@ def _table(evaluation: Evaluation, name: str) -> Table:
     if windows is not None:
         columns += [Column(head, "number") for head in WINDOW_COLUMNS.values()]
     rows = []
-    largest = np.where(data["overturned"].values, -1, data["peak_rotation"].values)
     for k, label in enumerate(motions.names):
-        rotation = float(data["peak_rotation"][k])
-        uplifted = bool(data["uplifted"][k])
-        u_b = deck_displacement(podium, min(rotation, 1.0))
-        row: list[Any] = [
-            TextCell(label),
-            Quantity(float(data["uplift_time"][k]), "time") if uplifted else TextCell("no uplift", "none"),
-            peak_cell(data, k, rotation, "number", data["peak_rotation_error"][k]),
-            Quantity(float(data["peak_rotation_time"][k]), "time")
-            if uplifted
-            else TextCell("no uplift", "none"),
-            peak_cell(data, k, u_b, "displacement"),
-            _impacts(float(data["impacts"][k])),
-            _impacts(float(data["impacts_before_peak"][k])),
-        ]
+        unanswered = unanswered_cell(data["result"].values[k])
+        answers = _answers(evaluation, data, k) if unanswered is None else [unanswered] * 6
+        row: list[Any] = [TextCell(label), *answers]
         if windows is not None:
             factor = float(windows["factor"][k])
             text = f"none up to {2 * factor:.3g}" if np.isfinite(factor) else "none"
             row.append(number_cell(factor, "number", text=f"none up to {MAX_SCALE:g}"))
             row += [number_cell(float(windows[y][k]), "number", text=text) for y in list(WINDOW_COLUMNS)[1:]]
         rows.append(tuple(row))
+    governing = governing_motion(data, "peak_rotation")
     return Table(
         f"rotation-{slug(name)}",
         f"Rotation and uplift, set {name}",
         tuple(columns),
         tuple(rows),
-        governing=(int(np.argmax(largest)),),
+        governing=() if governing is None else (governing,),
     )
+
+
+def _answers(evaluation: Evaluation, data: xarray.Dataset, k: int) -> list[Any]:
+    """Return the six cells of a scene that finished, from its first uplift to its impacts before the peak.
+
+    - `evaluation`: the evaluation; `data`: dataset of scenes along `motion`; `k`: index of the scene
+    """
+    rotation = float(data["peak_rotation"][k])
+    uplifted = bool(data["uplifted"][k])
+    u_b = deck_displacement(evaluation.problem.podium, min(rotation, 1.0))
+    return [
+        Quantity(float(data["uplift_time"][k]), "time") if uplifted else TextCell("no uplift", "none"),
+        peak_cell(data, k, rotation, "number", data["peak_rotation_error"][k]),
+        Quantity(float(data["peak_rotation_time"][k]), "time") if uplifted else TextCell("no uplift", "none"),
+        peak_cell(data, k, u_b, "displacement"),
+        _impacts(float(data["impacts"][k])),
+        _impacts(float(data["impacts_before_peak"][k])),
+    ]
 
 
 def _impacts(count: float) -> Quantity | TextCell:

@@ -247,7 +247,7 @@ def _modes(evaluation: Evaluation) -> list[Any]:
     podium = evaluation.problem.podium
     oscillators = None if podium.superstructure is None else podium.superstructure.oscillators
     if oscillators is None:
-        return [Paragraph("The structure has no superstructure that vibrates.")]
+        return [Paragraph("No superstructure vibrates.")]
     periods, etas, zetas = np.broadcast_arrays(
         np.atleast_1d(oscillators.T_s), np.atleast_1d(oscillators.eta), np.atleast_1d(oscillators.zeta)
     )

@@ -101,24 +101,28 @@ def _slopes(check: Check) -> Text:
 def _spread(check: Check) -> Text:
     """Return the range of U with changed inputs, and the change that gives the largest U.
 
-    Changes for which U has no value are left out. If changes make U infinite, return the least U and up to
-    three of these changes. If U is infinite even with unchanged inputs, return only the least U.
+    If changes make U infinite, return the least U and up to three of these changes. If U is infinite even
+    with unchanged inputs, return only the least U. Add up to three changes for which U has no value.
     """
     if not check.spread:
         return "not computed"
-    changes = [
-        (u, f"{name} {sign}")
-        for name, pair in check.spread.items()
-        for u, sign in zip(pair, "−+", strict=True)
-        if not math.isnan(u)
-    ]
+    utilisations = {
+        f"{name} {sign}": u for name, pair in check.spread.items() for u, sign in zip(pair, "−+", strict=True)
+    }
+    changes = [(u, name) for name, u in utilisations.items() if not math.isnan(u)]
     if not changes:
         return "no value"
     lowest, highest = min(u for u, _ in changes), max(changes)
     infinite = [name for u, name in changes if not math.isfinite(u)]
+    missing = [name for name, u in utilisations.items() if math.isnan(u)]
     if infinite and math.isfinite(check.utilisation):
-        more = " …" if len(infinite) > 3 else ""
-        return f"from {lowest:.2f}; no finite value with {', '.join(infinite[:3])}{more}"
-    if infinite:
-        return f"from {lowest:.2f}" if math.isfinite(lowest) else "no finite value"
-    return f"{lowest:.2f} … {highest[0]:.2f} ({highest[1]})"
+        text = f"from {lowest:.2f}; no finite value with {_first_three(infinite)}"
+    elif infinite:
+        text = f"from {lowest:.2f}" if math.isfinite(lowest) else "no finite value"
+    else:
+        text = f"{lowest:.2f} … {highest[0]:.2f} ({highest[1]})"
+    return f"{text}; no value with {_first_three(missing)}" if missing else text
+
+
+def _first_three(names: list[str]) -> str:
+    return ", ".join(names[:3]) + (" …" if len(names) > 3 else "")

@@ -1,0 +1,185 @@
+"""Scenes that overturn or do not finish, in made-up datasets: they do not govern, and their numbers are not
+shown as those of other scenes."""
+
+import math
+from types import SimpleNamespace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray
+
+import rockjax as rj
+from rockjax._report.assumptions import ASSUMPTIONS, Outcome
+from rockjax._report.evaluate import _spread
+from rockjax._report.evaluation import Check
+from rockjax._report.kinds import KINDS
+from rockjax._report.kinds.base import Values
+from rockjax._report.scales import _estimate_uplift_factors
+from rockjax._report.sections import accuracy, assumptions, building, joints, rocking, summary
+from rockjax._report.tables import Quantity, plain
+from rockjax._report.units import Units
+from rockjax._results import NAMES, result_of
+
+PODIUM = rj.Podium.from_dimensions(width=0.6, height=3.0, beam_mass=60e3, column_mass=2700.0)
+MIXED = ("out_of_steps", "weightless", "overturned", "end_of_time", "settled")  # the fifth scene governs
+WITHOUT_SURVIVORS = ("overturned", "out_of_steps", "not_finite")
+
+
+def peaks_of(names):
+    """Peaks that rise from one surviving scene to the next. Those of other scenes are larger or NaN."""
+    codes, count = np.array([NAMES.index(name) for name in names]), len(names)
+    peaks = np.where(codes > 2, [math.nan if k % 2 else 9.0 for k in range(count)], 1.0)
+    peaks = np.where(codes < 2, 0.1 * (1 + np.arange(count)), peaks)
+    data = dict.fromkeys(("peak_rotation", "peak_shear", "peak_foundation_shear"), ("motion", peaks))
+    data |= {f"{name}_error": ("motion", np.full(count, 1e-9)) for name in tuple(data)}
+    zeros = ("uplift_time", "peak_rotation_time", "impacts", "impacts_before_peak", "overturn_time", "steps")
+    data |= {name: ("motion", np.zeros(count)) for name in zeros}
+    data |= {"undecided": ("motion", codes > 2), "uplifted": ("motion", np.zeros(count, bool))}
+    data |= {"result": ("motion", codes), "overturned": ("motion", codes == 2)}
+    data["peak_drift"] = data["peak_floor_acceleration"] = ("motion", "story"), peaks[:, None]
+    forces = np.stack([peaks - 0.05] * 2, axis=-1)
+    data |= dict.fromkeys(("peak_friction", "least_axial_force"), (("motion", "joint"), forces))
+    return xarray.Dataset(data)
+
+
+def evaluation_of(names):
+    data, motions = peaks_of(names), SimpleNamespace(names=tuple(f"M{k}" for k in range(len(names))))
+    scenes = SimpleNamespace(peaks=lambda *_: data, motion_set=lambda _: motions)
+    podium = SimpleNamespace(alpha=PODIUM.alpha, R=PODIUM.R, elevation=object())
+    scenes.problem = SimpleNamespace(
+        podium=podium,
+        motions={"set": motions},
+        options=rj.Options(),
+        joints=SimpleNamespace(friction=0.6),
+        story_heights=np.array([30.0]),
+    )
+    outcomes = {"set": {y.id: y.test(scenes.problem, data) for y in ASSUMPTIONS[:1] + ASSUMPTIONS[6:]}}
+    return SimpleNamespace(scenes=scenes, problem=scenes.problem, checks=(), assumptions=outcomes)
+
+
+def texts_of(row):
+    return ["number" if isinstance(cell, Quantity) else cell.text for cell in row]
+
+
+def test_the_governing_row_survives():
+    """The highlighted row is that of the drawn history; without a surviving scene there is none."""
+    table = rocking._table(evaluation_of(MIXED), "set")
+    assert table.governing == (4,)
+    assert texts_of(table.rows[0]) == ["M0", *["out of steps"] * 6]
+    assert texts_of(table.rows[1]) == ["M1", *["weightless"] * 6]
+    assert texts_of(table.rows[4])[:3] == ["M4", "no uplift", "number"]
+    assert rocking._table(evaluation_of(WITHOUT_SURVIVORS), "set").governing == ()
+
+
+def test_governing_shears_are_those_of_surviving_scenes():
+    for names, label, count in ((MIXED, "M4", "3 of 5"), (WITHOUT_SURVIVORS, "no scene survives", "3 of 3")):
+        evaluation = evaluation_of(names)
+        foundation, base = (
+            joints._shears(evaluation, ["set"]).rows[0],
+            building._shear(evaluation, "set"),
+        )
+        for row in (foundation, base):
+            assert texts_of(row)[1] == label
+            assert row[0].note == f"{count} scenes left out: overturned or did not finish"
+    assert "(3 of 5 scenes left out" in building._stories(evaluation_of(MIXED), "set").caption
+
+
+def test_the_largest_value_is_that_of_a_finished_scene():
+    """The largest values are those of the overturned scene; an unfinished scene has larger ones."""
+    blocks = accuracy.section(evaluation_of(MIXED), None).blocks
+    rows = next(block for block in blocks if getattr(block, "name", "") == "errors").rows
+    assert [row[3].value for row in rows] == [1.0] * 3
+
+
+def test_assumptions_in_scenes_that_did_not_finish():
+    """An assumption holds only if all scenes finished; a NaN is not the worst value."""
+    evaluation = evaluation_of(("weightless", "out_of_steps", "settled"))
+    outcome = evaluation.assumptions["set"]["A7"]
+    assert isinstance(outcome, Outcome)
+    assert (outcome.worst, outcome.unfinished) == (pytest.approx(0.25), 2)
+    row = assumptions._row(next(y for y in ASSUMPTIONS if y.id == "A7"), evaluation)
+    assert row[3].text == "undecided"
+    assert row[4].text == "set: least axial force 0.25 m_c g of a column; 2 of 3 scenes did not finish."
+    for outcome in (
+        evaluation_of(("weightless", "out_of_steps")).assumptions["set"][y] for y in ("A7", "A9")
+    ):
+        assert outcome == "Not tested: no scene finished."
+
+
+@pytest.mark.parametrize(
+    ("value", "unanswered", "expected"),
+    [
+        (0.4, "", 0.8),
+        (0.4, "out_of_steps", math.nan),
+        (0.6, "out_of_steps", 1.2),
+        (math.inf, "weightless", math.inf),
+    ],
+)
+def test_changes_after_which_a_scene_does_not_finish(value, unanswered, expected):
+    """U of a changed input has no value, unless the other scenes show that it exceeds 1."""
+
+    def values(entry, scenes, law, variation):
+        blank = ("",) * 2
+        is_changed = variation == "width+"
+        y = np.array([value if is_changed else 0.3, 0.1])
+        return Values(y, np.zeros(2), blank, blank, ("", unanswered if is_changed else ""), ())
+
+    kind = SimpleNamespace(values=values, is_minimum=False)
+    entry = SimpleNamespace(limit=0.5, keys=SimpleNamespace(statistic="max"))
+    check = Check(entry, kind, "PASS", utilisation=0.6)
+    spread = _spread(check, SimpleNamespace(variations=("width-", "width+")))
+    assert spread["width"] == pytest.approx((0.6, expected), nan_ok=True)
+    text = plain(summary._spread(Check(entry, kind, "PASS", utilisation=0.6, spread=spread)), Units.si(9.81))
+    assert ("no value with width +" in text) == math.isnan(expected)
+
+
+def test_outcomes_of_scenes_without_an_answer():
+    """Such scenes do not count as surviving."""
+    entry = SimpleNamespace(motions="set", id="C1", arguments={})
+    scenes = evaluation_of(MIXED).scenes
+    (table,) = KINDS["overturning-probability"].tables(entry, None, scenes)
+    words = ["out of steps", "weightless", "overturned", "survives", "survives"]
+    assert [row[1].text for row in table.rows] == words
+
+
+def test_blocks_that_did_not_finish():
+    """The largest peak is that of another block; the cell has the result of the block."""
+    codes = [[NAMES.index("out_of_steps"), 1], [NAMES.index("out_of_steps"), 2]]
+    overturned, dims = np.array([[False, False], [False, True]]), ("motion", "contents")
+    data = peaks_of(("settled", "settled")).assign(
+        contents_peak_rotation=(dims, [[math.nan, 0.5], [math.nan, 1.0]]),
+        contents_overturned=(dims, overturned),
+        contents_overturn_time=(dims, np.where(overturned, 2.0, math.nan)),
+        contents_result=(dims, codes),
+    )
+    scenes = evaluation_of(("settled", "settled")).scenes
+    scenes.peaks = lambda *_: data.assign_coords(contents=["cabinet", "shelf"])
+    kind = KINDS["contents-rotation"]
+    entry = SimpleNamespace(motions="set", arguments={"contents": {"cabinet": None, "shelf": None}})
+    values = kind.values(entry, scenes)
+    assert values.values.tolist() == [0.5, math.inf]
+    assert values.texts == ("", "shelf overturned at 2.00 s")
+    assert values.unanswered == ("out_of_steps", "")
+    (table,) = kind.tables(entry, values, scenes)
+    assert texts_of(table.rows[0])[1:] == ["out of steps", "number"]
+
+
+def test_uplift_factors_need_finished_scenes(monkeypatch):
+    """If the weight vanishes, the factors are reduced, because the columns lift before; other scenes that do
+    not finish have no factor."""
+    motions = SimpleNamespace(name="set", names=("M0",), excitations=(rj.Ricker(2.0, 1.0),))
+    problem = SimpleNamespace(podium=PODIUM, options=rj.Options())
+    codes = iter(["weightless", "settled", "out_of_steps"])
+
+    def solved(*_, **__):
+        code = jnp.array([NAMES.index(next(codes))])
+        uplifted = np.array([False])
+        return SimpleNamespace(uplifted=uplifted, uplift_ratio=np.array([0.5]), result=result_of(code))
+
+    monkeypatch.setattr("rockjax._batch.batch.peak_responses", solved)
+    scenes = SimpleNamespace(problem=problem)
+    first = 0.3 * float(PODIUM.uplift_ground_acceleration) / 2.0
+    assert _estimate_uplift_factors(scenes, motions) == pytest.approx([first / 3 / 0.5], rel=1e-3)
+    with pytest.raises(RuntimeError, match="uplift factors of set are unknown: 1 of 1 scenes did not finish"):
+        _estimate_uplift_factors(scenes, motions)
