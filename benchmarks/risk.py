@@ -39,7 +39,7 @@ class Case(NamedTuple):
 
     podium: rj.Podium
     S_0: float  # spectral density [m²/s³]
-    scenes: int  # number of scenes in which failures are counted
+    scenes: int  # number of scenes in which failures are counted, in addition to those of `sweep`
     repetitions: int = 20  # number of repetitions of subset simulation
     cov: float = COV  # requested coefficient of variation of a repetition
 

@@ -96,10 +96,7 @@ class AnnualFrequency(AbstractScaleTarget):
         motions = as_motions(owner, unscaled, "suite")
         if len(motions) < 2:
             raise ValueError(f"{owner}: suite must hold two motions or more, got one")
-        try:
-            intensities = [measure_by_label(motion, hazard.measure) for motion in motions]
-        except ValueError as error:
-            raise ValueError(f"{owner}: hazard: {error}") from None
+        intensities = [measure_by_label(f"{owner}: hazard", motion, hazard.measure) for motion in motions]
         if min(intensities) == 0:
             raise ValueError(
                 f"{owner}: motion {int(np.argmin(intensities)) + 1} of the suite has {hazard.measure} = 0; "

@@ -233,12 +233,12 @@ def raw_responses(
 
 
 class Tally(NamedTuple):
-    """Numbers of trials (trial steps of single lanes), to measure how well the lanes are used. The used
-    fraction of all lanes is `useful`/(`possible` · number of devices); threads on a CPU have one device."""
+    """Numbers of trials (trial steps of single lanes) of all threads and all devices. `useful`/`possible` is
+    the used fraction of the lanes."""
 
-    useful: int  # number of trials that advanced a scene, summed over all threads and all devices
-    # Number of trials of a single device, summed over the threads. Lanes without a scene count as well. In
-    # each call of the program, the device with the most trials counts, because the other devices wait for it.
+    useful: int  # number of trials that advanced a scene
+    # Number of trials if all lanes had scenes at all times. In each call of the program, every device counts
+    # with the trials of the device that makes most, because the other devices wait for it.
     possible: int
 
 
@@ -339,7 +339,7 @@ class _Answers:
                 return 0
             # `trials` has an entry for each device. All devices wait for the device with the most trials.
             self.useful += int(np.sum(done.useful))
-            self.possible += int(np.max(done.trials)) * self.lanes
+            self.possible += int(np.max(done.trials)) * self.lanes * used.size
             # The code is written last, so that a scene counts as unfinished if Ctrl-C interrupts the loop.
             for stored, new, blank in (
                 (self.floats, done.floats, np.nan),

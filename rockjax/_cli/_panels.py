@@ -1,5 +1,4 @@
-"""Spectra of several podiums, one for each combination of mass ratio η/γ and period T_s. The picture draws
-each podium in a panel."""
+"""Spectra of several podiums, one for each combination of mass ratio η/γ and period T_s."""
 
 from __future__ import annotations
 
@@ -70,7 +69,7 @@ def report_minima(
     ratios: list[float],
     periods: list[float],
 ) -> None:
-    """Print the least overturning acceleration of each panel, and add it to the JSON object.
+    """Print the least overturning acceleration of each podium, and add it to the JSON object.
 
     - `console`: prints the lines
     - `lowest`: least a_p/(g tan α) that overturns the columns [–], with dims `eta_over_gamma` and `T_s`

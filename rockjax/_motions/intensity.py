@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rockjax._checks import as_float, require_instance, require_number
+from rockjax._checks import as_float, require, require_instance, require_number
 from rockjax._files import CONVENTIONS
 from rockjax._oscillators import ground_load, largest
 from rockjax._structures import Podium, g_tan_alpha
@@ -68,8 +68,7 @@ def spectral_acceleration(motion: Accelerogram, period: float, damping: float = 
     - `damping`: damping ratio ζ, 0 ≤ ζ < 1 [–]
 
     The maximum is exact for a motion that is linear between samples and zero after the last sample. The
-    maximum may occur between samples, or during the free vibration after the motion. Raises `ValueError` for
-    a period or damping ratio outside its range.
+    maximum may occur between samples, or during the free vibration after the motion.
     """
     return float(spectral_accelerations(motion, np.array([period]), damping)[0])
 
@@ -77,11 +76,6 @@ def spectral_acceleration(motion: Accelerogram, period: float, damping: float = 
 def spectral_accelerations(motion: Accelerogram, periods: np.ndarray, damping: float) -> np.ndarray:
     """Return Sa [m/s²] at each of the `periods` [s], both of shape (n,). The arguments have the ranges of
     `spectral_acceleration`."""
-    if not np.all(np.isfinite(periods) & (periods >= 0)):
-        period = float(periods[~(np.isfinite(periods) & (periods >= 0))][0])
-        raise ValueError(f"spectral_acceleration: period must be finite and >= 0 s, got period = {period!r}")
-    if not 0 <= damping < 1:
-        raise ValueError(f"spectral_acceleration: damping must be >= 0 and < 1, got damping = {damping!r}")
     accelerations, is_positive = np.full(periods.shape, motion.pga), periods > 0
     if is_positive.any():
         T = periods[is_positive]
@@ -92,17 +86,19 @@ def spectral_accelerations(motion: Accelerogram, periods: np.ndarray, damping: f
 
 
 def measure_motion(
-    motion: Accelerogram, measure: str, period: float | None, damping: float
+    owner: str, motion: Accelerogram, measure: str, period: float | None, damping: float
 ) -> tuple[float, int]:
     """Return the value of an intensity measure in SI units, and an exponent n: if the motion is multiplied by
     a factor f ≥ 0, the value is multiplied by fⁿ.
 
+    - `owner`: function that error messages name
     - `motion`: ground motion
     - `measure`: `"PGA"`, `"PGV"`, `"PGD"`, `"CAV"`, `"arias_intensity"` or `"Sa"`
     - `period`: period of Sa, ≥ 0 [s]; None for other measures
-    - `damping`: damping ratio of Sa [–]
+    - `damping`: damping ratio of Sa, 0 ≤ ζ < 1 [–]
 
-    Raises `ValueError` for an unknown measure, for Sa without a period, and for other measures with a period.
+    Raises `ValueError` for an unknown measure, for Sa without a period or with a period outside its range,
+    and for other measures with a period.
     """
     scalar_measures = {
         "PGA": (lambda: motion.pga, 1),
@@ -113,14 +109,15 @@ def measure_motion(
     }
     if measure == "Sa":
         if period is None:
-            raise ValueError("scaled_to: Sa needs a period, such as period=1.0 [s]")
+            raise ValueError(f"{owner}: Sa needs a period, such as period=1.0 [s]")
+        period = require_number(owner, "period", period, lambda v: v >= 0, "finite and >= 0")
         return spectral_acceleration(motion, period, damping), 1
     if measure not in scalar_measures:
         raise ValueError(
-            f"scaled_to: measure must be one of {', '.join((*scalar_measures, 'Sa'))}, got {measure!r}"
+            f"{owner}: measure must be one of {', '.join((*scalar_measures, 'Sa'))}, got {measure!r}"
         )
     if period is not None:
-        raise ValueError(f"scaled_to: period applies to Sa only; leave it out for {measure}")
+        raise ValueError(f"{owner}: period applies to Sa only; leave it out for {measure}")
     compute, power = scalar_measures[measure]
     return compute(), power
 
@@ -128,19 +125,23 @@ def measure_motion(
 SA_LABEL = re.compile(r"Sa\((?P<period>[0-9.eE+-]+) s\)")
 
 
-def measure_by_label(motion: Accelerogram, label: str) -> float:
+def measure_by_label(owner: str, motion: Accelerogram, label: str) -> float:
     """Return the value of an intensity measure in SI units, by its label in hazard and fragility curves.
 
+    - `owner`: function that error messages name
+    - `motion`: ground motion
     - `label`: `"PGA"`, `"PGV"`, or a label such as `"Sa(0.5 s)"`; Sa has 5 % damping
 
     Raises `ValueError` for other labels.
     """
     match = SA_LABEL.fullmatch(label)
     if match:
-        return measure_motion(motion, "Sa", float(match["period"]), 0.05)[0]
+        return measure_motion(owner, motion, "Sa", float(match["period"]), 0.05)[0]
     if label not in ("PGA", "PGV"):
-        raise ValueError(f"measure must be 'PGA', 'PGV' or a label such as 'Sa(0.5 s)', got {label!r}")
-    return measure_motion(motion, label, None, 0.05)[0]
+        raise ValueError(
+            f"{owner}: measure must be 'PGA', 'PGV' or a label such as 'Sa(0.5 s)', got {label!r}"
+        )
+    return measure_motion(owner, motion, label, None, 0.05)[0]
 
 
 def intensity_measures(
@@ -149,19 +150,21 @@ def intensity_measures(
     periods: Iterable[float] = (0.1, 0.2, 0.5, 1.0, 2.0),
     damping: float = 0.05,
     podium: Podium | None = None,
+    owner: str = "intensity_measures",
 ) -> xarray.Dataset:
     """Implement [`rockjax.intensity_measures`][].
 
     - `motion`: a motion, for scalars, or a sequence of motions, for arrays with the dimension `motion`
     - `periods`, `damping`, `podium`: as for [`rockjax.intensity_measures`][]
+    - `owner`: function that error messages name
     """
     import xarray
 
     is_sequence = not isinstance(motion, Accelerogram)
     motions = list(motion) if is_sequence else [motion]
-    owner = "intensity_measures"
     values = tuple(periods) if isinstance(periods, Iterable) and not isinstance(periods, str) else periods
     T = np.atleast_1d(np.asarray(as_float(values, f"{owner}: periods")))
+    require(owner, "periods", T, lambda v: v >= 0, "finite and >= 0")
     require_number(owner, "damping", damping, lambda v: 0 <= v < 1, ">= 0 and < 1")
     columns: dict[str, tuple[str, str, list]] = {
         "dt": ("s", "sampling interval", [m.dt for m in motions]),
@@ -187,7 +190,7 @@ def intensity_measures(
     if podium is not None:
         require_instance(owner, "podium", podium, Podium, "a rockjax.Podium, or None")
         if np.ndim(podium.alpha) or np.ndim(podium.R) or np.ndim(podium.g):
-            raise ValueError("intensity_measures: podium must be a single podium, got arrays of parameters")
+            raise ValueError(f"{owner}: podium must be a single podium, got arrays of parameters")
         uplift, p = float(g_tan_alpha(podium.alpha, podium.g)), float(podium.p)
         attrs |= {"alpha_rad": float(podium.alpha), "R_m": float(podium.R), "p_rad_s-1": p}
         columns["acceleration_ratio"] = ("1", "PGA/(g tan α)", [m.pga / uplift for m in motions])

@@ -344,7 +344,7 @@ class Motions(Sequence[Motion]):
         require_number("scaled_to", "damping", damping, lambda v: 0 <= v < 1, ">= 0 and < 1")
 
         def scaled(motion: Motion) -> Motion:
-            current, power = measure_motion(motion, measure, period, damping)
+            current, power = measure_motion("scaled_to", motion, measure, period, damping)
             if current == 0:
                 raise ValueError(
                     f"scaled_to: {measure} of {motion.name} is zero, so no factor changes it; leave the "

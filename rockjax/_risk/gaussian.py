@@ -31,7 +31,8 @@ from jaxtyping import Array, Float
 from rockjax._checks import as_float, require, require_finite, require_positive
 from rockjax._excitations.wavelets import MavroeidisPapageorgiou
 from rockjax._lognormal import Lognormal
-from rockjax._motions.measures import intensity_measures
+from rockjax._motions.convert import as_motions
+from rockjax._motions.intensity import intensity_measures
 from rockjax._motions.record import Record
 from rockjax._motions.records import Records
 from rockjax._programs.program import StoredProgram
@@ -272,14 +273,14 @@ class GaussianMotion(Module):
         `dispersion`, the standard deviation of ln Sa [–]. Motions are taken to be linear between samples; for
         such motions Sa is exact. Raises `ValueError` for arguments outside their ranges.
         """
+        owner = "GaussianMotion.response_spectrum"
         if isinstance(count, bool) or not isinstance(count, int) or count < 2:
-            raise ValueError(
-                f"GaussianMotion.response_spectrum: count must be a whole number >= 2, got {count!r}"
-            )
+            raise ValueError(f"{owner}: count must be a whole number >= 2, got {count!r}")
         import xarray
 
-        motions = Records.of([self.record(u) for u in np.asarray(self.samples(count, seed=seed))])
-        measures = intensity_measures(motions, periods=periods, damping=damping)
+        records = Records.of([self.record(u) for u in np.asarray(self.samples(count, seed=seed))])
+        motions = as_motions(owner, records)
+        measures = intensity_measures(motions, periods=periods, damping=damping, owner=owner)
         Sa, period = measures["Sa"].values, measures["period"]
         dims, unit = ("period",), {"units": "m s-2"}
         low, middle, high = np.quantile(Sa, [0.16, 0.5, 0.84], axis=0)

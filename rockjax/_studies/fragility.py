@@ -75,7 +75,7 @@ def measure_of(name: str, period: float | None, suite: Motions) -> Measure:
     if name == "scale":
         return Measure(name, np.ones(len(suite)), unit_of_measure(name))
     label = f"Sa({period:g} s)" if name == "Sa" else name
-    values = np.array([measure_by_label(motion, label) for motion in suite])
+    values = np.array([measure_by_label("fragility", motion, label) for motion in suite])
     return Measure(label, values, unit_of_measure(name))
 
 

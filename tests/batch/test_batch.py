@@ -1,5 +1,6 @@
 import itertools
 import threading
+import types
 import warnings
 
 import jax
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 import rockjax as rj
+from rockjax._batch.exchange import DoneScenes
 from rockjax._machine import memory
 from rockjax._machine.threads import run_in_threads
 from rockjax._responses.arguments import check_range
@@ -330,3 +332,15 @@ def test_every_scene_ends_after_the_start_of_its_motion():
         with pytest.raises(ValueError, match=words):
             rj.peak_responses(PODIUMS["rigid"], pulses, t_end=np.array(t_end))
     check_range("peak_responses", PODIUMS["rigid"], pulses, np.array([-2.0, -1.0]), rj.Options())
+
+
+def test_the_tally_counts_the_lanes_of_all_devices():
+    """Two devices with 8 lanes each make 5 and 3 trials; the second device waits."""
+    from rockjax._batch.batch import _Answers
+
+    scenes = types.SimpleNamespace(total=4, in_grid=lambda index: index)
+    answers = _Answers(scenes, 8)  # pyright: ignore[reportArgumentType]
+    counts = {name: np.array(y) for name, y in {"used": [1, 2], "trials": [5, 3], "useful": [30, 20]}.items()}
+    index = np.array([0, -1, 1, 2])
+    answers.store(DoneScenes(index, {}, {"code": index}, running=np.array([0, 0]), **counts))  # pyright: ignore
+    assert (answers.useful, answers.possible) == (50, 80)

@@ -102,7 +102,7 @@ class Synthetic(Keys):
     seed: Index = key(0, "Seed of the random numbers; the same seed gives the same motions.", MOTION)
     dt: Positive = key(0.01, "Sampling interval [s].", MOTION)
     duration: Positive = key(20.0, "Duration [s].", MOTION)
-    pga: Positive = key(2.94, "Peak acceleration of each motion [m/s²].", MOTION)
+    pga: Positive = key(2.94, "Peak acceleration of the noise in each motion [m/s²].", MOTION)
     omega_g: Positive = key(15.0, "Frequency of the soil ω_g [rad/s].", MOTION)
     zeta_g: Positive = key(0.6, "Damping ratio of the soil ζ_g [–].", MOTION)
     vertical_ratio: Number | None = key(None, "Ratio of vertical to horizontal ground acceleration [–].")

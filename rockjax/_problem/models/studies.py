@@ -101,8 +101,7 @@ class Floors(OneMotion):
 
 
 class _Panels(Keys):
-    """Keys of the commands that draw a panel for each superstructure. All panels have the same kind of
-    pulse."""
+    """Keys of the commands that compute a spectrum for each superstructure, with the same kind of pulse."""
 
     pulse: PulseName = key("ricker", "Kind of the pulse.", MOTION)
     vertical_ratio: Number | None = key(
@@ -110,7 +109,7 @@ class _Panels(Keys):
     )
     frequency_ratio: Frequencies = key((1.0, 8.0), "Range of ω_p/p [–].", GRID, "--frequency")
     eta_over_gamma: NotNegatives = key([1.0, 5.0, 10.0], "Mass ratios η/γ [–]: a panel for each.", STRUCTURE)
-    T_s: NotNegatives = key([0.0, 0.1, 0.5, 1.0], "Periods [s]: a panel for each; 0 is rigid.", STRUCTURE)
+    T_s: NotNegatives = key([0.0, 0.1, 0.5, 1.0], "Periods [s] for each mass ratio; 0 is rigid.", STRUCTURE)
 
 
 class Spectrum(_Panels):
