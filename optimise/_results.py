@@ -10,8 +10,8 @@ class RESULTS(eqx.Enumeration):
 
     converged = "The optimality conditions hold, and all targets are satisfied."
     stalled = (
-        "The targets are satisfied; the search stopped at a kink or a jump of a response, where no step "
-        "improves the design."
+        "The targets are satisfied, but the optimality conditions do not hold. The search found no further "
+        "improvement, often because a response has a kink or a jump; raise starts to try other designs."
     )
     infeasible = (
         "No design within the bounds was found that satisfies the targets; the closest one is returned. "

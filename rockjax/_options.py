@@ -103,7 +103,7 @@ class Options(Module):
         unknown = [y for y in self.outputs if y not in user_outputs and y not in OUTPUTS]
         if unknown or not self.outputs:
             raise ValueError(
-                f"Options: outputs must be some of {OUTPUTS}, or instances of a subclass of "
+                f"Options: outputs must be one or more of {OUTPUTS}, or instances of a subclass of "
                 f"rockjax.AbstractOutput, got {self.outputs!r}"
             )
         for output in user_outputs:

@@ -49,7 +49,7 @@ def overturning(
     spectra: list = (
         _checkpoint.load(_checkpoint.path_of(files.prefix), len(podiums)) if resume else [None] * len(podiums)
     )
-    console.note(f"{len(podiums)} podiums × {settings.points} frequencies")
+    console.note(f"podiums × frequencies: {len(podiums)} × {settings.points}")
     with console.progress(len(podiums), "podiums") as bar:
         for k, podium in enumerate(podiums):
             if spectra[k] is not None:

@@ -59,7 +59,7 @@ def spectrum(
     total = len(podiums) * settings.points**2
     require_memory("--points", total)
     console.note(
-        f"{len(podiums)} podiums × {settings.points} frequencies × {settings.points} accelerations: "
+        f"podiums × frequencies × accelerations: {len(podiums)} × {settings.points} × {settings.points} = "
         f"{total} scenes"
     )
     checkpoint = _checkpoint.load(_checkpoint.path_of(files.prefix), len(podiums)) if resume else None

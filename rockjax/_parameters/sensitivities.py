@@ -41,7 +41,9 @@ def check_parameters(owner: str, podium: Podium, names: Sequence[str], more: Seq
                 f"tracing and has no derivative; {cure}"
             )
         if name not in valid:
-            raise ValueError(f"{owner}: sensitivities must be some of {valid} for this podium, got {name!r}")
+            raise ValueError(
+                f"{owner}: sensitivities must each be one of {valid} for this podium, got {name!r}"
+            )
     if len(set(names)) < len(names):
         raise ValueError(f"{owner}: sensitivities must name each parameter once, got {list(names)}")
     clash = find_clash(names)

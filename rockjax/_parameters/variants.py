@@ -186,7 +186,7 @@ def _stored_value(holder: Any, path: str) -> Any:
             if step in rows and path.endswith(step) and split_unless_scalar(holder) is not holder:
                 raise AttributeError(f"{step} is a row of numbers")
             if holder is None:
-                raise AttributeError(f"{step} is not there")
+                raise AttributeError(f"{step} is None")
     return holder
 
 
@@ -196,7 +196,7 @@ def _row_value(values: Any, number: int) -> Any:
         raise AttributeError("a single number applies to all")
     row = split_row(values)
     if not 1 <= number <= len(row):
-        raise AttributeError(f"there are {len(row)}, not {number}")
+        raise AttributeError(f"the row has {len(row)} values, so there is no number {number}")
     return row[number - 1]
 
 

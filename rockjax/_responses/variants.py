@@ -89,7 +89,7 @@ def check_names(owner: str, argument: str, names: Sequence[str], valid: Sequence
             similar = difflib.get_close_matches(str(name), valid, 1)
             hint = f"; did you mean {similar[0]!r}?" if similar else _HINTS.get(name, "")
             raise ValueError(
-                f"{owner}: {argument} must be some of {', '.join(valid)} for this podium and motion, got "
+                f"{owner}: {argument} must each be one of {', '.join(valid)} for this podium and motion, got "
                 f"{name!r}{hint}"
             )
     clash = find_clash(names)

@@ -273,7 +273,7 @@ def _warn_of_undetermined(
                 f"{data['contents'].values[i]} at {data['damage_state'].values[j]:g}"
                 for i, j in np.argwhere(flags)
             )
-            message = f"contents_fragility: the counts determine no {item} of {cases}; {cure}"
+            message = f"contents_fragility: the counts do not determine the {item} of {cases}; {cure}"
             warnings.warn(message, RuntimeWarning, stacklevel=4)
     count = data.sizes["record"]
     if confidence is not None and count < MIN_RECORDS:

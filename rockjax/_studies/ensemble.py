@@ -294,7 +294,7 @@ class Ensemble:
         if x.ndim != 1:
             raise ValueError(f"Ensemble: at must be one-dimensional, got shape {x.shape}")
         if np.isnan(x).any():
-            raise ValueError("Ensemble: at must hold numbers, got nan")
+            raise ValueError("Ensemble: at must not contain NaN")
         confidence = _checked_confidence(confidence)
         estimates = empirical.distribution(sample, x, confidence)
         return xarray.Dataset(

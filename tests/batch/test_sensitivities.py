@@ -148,8 +148,8 @@ def test_fields_without_derivatives_are_constant():
 
 def test_invalid_parameters_are_rejected():
     for names, words in (
-        (["weight"], "must be some of"),
-        (["T_s"], "must be some of"),
+        (["weight"], "must each be one of"),
+        (["T_s"], "must each be one of"),
         (["alpha", "alpha"], "each parameter once"),
         (["alpha", "width"], "at the same time"),
         ("alpha", "a list of strings"),

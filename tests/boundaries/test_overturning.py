@@ -338,7 +338,7 @@ def test_spectra_agree_with_single_boundaries_and_with_similarity():
         ({"frequency_ratio": [[1.0]]}, "1-D"),
         ({"frequency_ratio": [-1.0]}, "frequency_ratio must be finite and > 0"),
         ({"max_acceleration_ratio": 0.0}, "max_acceleration_ratio must be finite and > 0"),
-        ({"sensitivities": ("T_s",)}, "sensitivities must be some of"),
+        ({"sensitivities": ("T_s",)}, "sensitivities must each be one of"),
         ({"resolution": 3}, "resolution must be a whole number"),
     ],
 )

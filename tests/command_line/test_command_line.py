@@ -133,7 +133,7 @@ def test_a_spectrum_of_a_file(run, tmp_path):
         "spectrum", PROBLEMS / "spectrum.toml", "--points", 5, "--T-s", "0", "--verbose", "-o", "a"
     )
     assert code == 0
-    assert "1 podiums × 5 frequencies × 5 accelerations: 25 scenes" in err
+    assert "podiums × frequencies × accelerations: 1 × 5 × 5 = 25 scenes" in err
     assert "programs compiled" in err
     assert "25 scenes: " in out
     data = xarray.load_dataset("a.nc")
@@ -719,7 +719,7 @@ def test_an_ensemble_writes_its_scenes_and_a_picture_for_each_peak(run, tmp_path
     low, high = message["overturning_interval"]
     assert low <= message["overturning"] <= high
     for wrong, words in (
-        ("alhpa = 0.1", "ensemble: names in spread must be some of .* did you mean 'alpha'"),
+        ("alhpa = 0.1", "ensemble: names in spread must each be one of .* did you mean 'alpha'"),
         (
             "R = { kind = 'gumbel' }",
             "ensemble.spread.R.kind: must be one of 'normal', 'lognormal', 'uniform'",

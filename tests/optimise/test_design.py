@@ -916,7 +916,10 @@ def test_targets_on_floors_name_things_of_the_file(folder):
     assert len(optimise.load(write_problem(folder, FILE + ON_FLOORS + every)).targets[-2].systems) == 2
     for text, words in (
         (OF_FLOORS, r"targets\[\d\]: needs entries \[\[contents\]\]"),
-        (ON_FLOORS + OF_FLOORS.replace("cabinet", "shelf"), r"contents must be some of cabinet, contents-2"),
+        (
+            ON_FLOORS + OF_FLOORS.replace("cabinet", "shelf"),
+            r"contents must each be one of cabinet, contents-2",
+        ),
         (ON_FLOORS + OF_FLOORS.replace("limit = 0.5", "limit = 1.5"), "ContentsRotation: limit"),
     ):
         with pytest.raises(ValueError, match=words):

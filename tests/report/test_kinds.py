@@ -169,7 +169,7 @@ def test_a_check_without_its_input_is_not_made(tmp_path, check, reason):
         (PULSES + 'motions = "pulses"\n', "belongs to no set of motions"),
         (PULSES + 'statistic = "mean"\n', "statistic must be left out"),
         (SHARE + 'statistic = "mean"\n', "statistic must be left out"),
-        (FLOORS + 'oscillators = ["pump"]\n', "oscillators must be some of cabinet, got 'pump'"),
+        (FLOORS + 'oscillators = ["pump"]\n', "oscillators must each be one of cabinet, got 'pump'"),
         (FLOORS.replace("period = 0.3", "period = 0.3\nlevel = 2"), "oscillators"),
         (FAILURE.replace("n = 61", "n = 1"), r"checks\[0\]\.motion\.n: must be"),
     ],

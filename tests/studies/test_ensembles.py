@@ -338,7 +338,7 @@ def test_wrong_arguments_of_results_are_refused(toppled):
         (lambda: toppled.cdf("overturned"), "output must be one of"),
         (lambda: toppled.cdf(confidence=95), r"confidence must be in \(0, 1\)"),
         (lambda: toppled.cdf(at=[[1.0]]), "at must be one-dimensional"),
-        (lambda: toppled.cdf(at=[1.0, np.nan]), "at must hold numbers, got nan"),
+        (lambda: toppled.cdf(at=[1.0, np.nan]), "at must not contain NaN"),
         (lambda: toppled.quantiles(probability=[0.5, 1.0]), r"probability must be in \(0, 1\)"),
         (lambda: toppled.quantiles(probability=[[0.5]]), "probability must be one-dimensional"),
         (lambda: toppled.cdf(component=1), "has no components"),

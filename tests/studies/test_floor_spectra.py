@@ -427,7 +427,7 @@ def test_progress_counts_motions():
         ({"weights": np.ones(2)}, "weights must have one value for each of the 1 modes"),
         ({"direction": "up"}, "direction must be one of"),
         ({"t_end": math.nan}, "t_end must be finite"),
-        ({"sensitivities": ["beta"]}, "sensitivities must be some of"),
+        ({"sensitivities": ["beta"]}, "sensitivities must each be one of"),
         ({"excitation": []}, "excitation must hold at least one motion"),
     ],
 )

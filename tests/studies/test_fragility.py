@@ -508,7 +508,7 @@ def test_measures_of_distributions_that_make_no_sense(measure, words):
         ({"measure": rj.Measure("Sa", np.ones(2), "m s-2")}, "one value for each of the 3 records"),
         ({"measure": rj.Measure("Sa", [1.0, 0.0, 1.0], "m s-2")}, "> 0 for every record"),
         ({"names": ["a", "a", "b"]}, "3 different strings"),
-        ({"sensitivities": ["eta"]}, "sensitivities must be some of"),
+        ({"sensitivities": ["eta"]}, "sensitivities must each be one of"),
         ({"resolution": 3}, "resolution"),
         ({"podium": rj.Podium(np.array([0.1, 0.2]), 1.0)}, "scalar parameters"),
     ],

@@ -101,9 +101,9 @@ def test_pictures_of_sensitivities(spectrum):
 
 def test_sensitivities_that_make_no_sense_are_refused(spectrum):
     arguments = PODIUMS["rigid"], rj.Ricker, X, Y
-    with pytest.raises(ValueError, match=r"rocking_spectrum: sensitivities must be some of .*'T_s'"):
+    with pytest.raises(ValueError, match=r"rocking_spectrum: sensitivities must each be one of .*'T_s'"):
         rj.rocking_spectrum(*arguments, sensitivities=["T_s"])
-    with pytest.raises(ValueError, match=r"rocking_spectra: sensitivities must be some of .*'T_s'"):
+    with pytest.raises(ValueError, match=r"rocking_spectra: sensitivities must each be one of .*'T_s'"):
         rj.rocking_spectra([arguments[0]], *arguments[1:], sensitivities=["T_s"])
     with pytest.raises(ValueError, match="the spectrum to resume has other sensitivities"):
         rj.rocking_spectrum(*arguments, sensitivities=["alpha"], resume=spectrum)

@@ -59,7 +59,7 @@ class FloorKind(Kind):
         names = (getattr(keys, self.table) or list(defined)) if defined else []
         for name in names:
             if name not in defined:
-                raise ValueError(f"{self.table} must be some of {', '.join(defined)}, got {name!r}")
+                raise ValueError(f"{self.table} must each be one of {', '.join(defined)}, got {name!r}")
         as_systems(self.table, podium, tuple(defined[name] for name in names))
         return {self.table: {name: defined[name] for name in names}}
 
