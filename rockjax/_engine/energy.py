@@ -17,8 +17,10 @@ from .model import elongation
 
 
 def rotational_inertia(c: Coefficients, sigma: Value, theta: Value) -> Value:
-    """Return the factor I of θ̈ in Eq. (24) or, with inerters, (C8), with 3η in place of 3η sin²ψ, (C21) [–].
-    I is the inertia of a podium whose superstructure is fixed to the beam."""
+    """Return I of (C21), the inertia of a podium whose superstructure is fixed to the beam [–].
+
+    I is the factor of θ̈ in the equation of motion, Eq. (24) or with inerters (C8), but with 3η in place of
+    3η sin²ψ."""
     total, mass = c.inertia + c.centrifugal, _apparent_mass(c)
     if mass is None:
         return total

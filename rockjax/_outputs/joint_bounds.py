@@ -422,8 +422,11 @@ class JointBounds:
 
     @functools.cached_property
     def _contact_eccentricity(self) -> Value:
-        """Bound on |ξ| in full contact, (F10). At ψ = α and θ̇ = 0, Eq. (24) gives 1 − ξ times the (negative)
-        θ̈ that the weights alone would cause. An upper bound on θ̈ of Eq. (24) therefore bounds ξ."""
+        """Bound on |ξ| in full contact, (F10).
+
+        Eq. (24) at ψ = α and θ̇ = 0 has a value of θ̈, although the columns do not rotate in full contact. It
+        is (1 − ξ) θ̈_w, where θ̈_w < 0 is its value under the weights alone. Thus ξ = 1 + θ̈/|θ̈_w|, and an upper
+        bound on θ̈ gives an upper bound on ξ."""
         c = self.c
         if c.restraint is not None:
             return self.eccentricity

@@ -211,8 +211,8 @@ def _window_ends(plane: Plane, factors: np.ndarray, options: Options) -> tuple[n
                 at(y, survivor), at(y, other), at(margin, survivor), at(margin, other), at(impacts, other)
             )
             solve = lambda rows, y, found=found: evaluate(overturning[found][rows], y)
-            narrowed = narrow_brackets(brackets, solve, BRACKET_TOLERANCE, LANES)
-            ends[change, overturning[found]] = 0.5 * (narrowed.a + narrowed.b)
+            final = narrow_brackets(brackets, solve, BRACKET_TOLERANCE, LANES)
+            ends[change, overturning[found]] = 0.5 * (final.a + final.b)
     return ends[0], ends[1]
 
 

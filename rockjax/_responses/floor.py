@@ -348,7 +348,8 @@ class FloorMotion(Module):
     excitation: AbstractExcitation
     nodes: Nodes
     end_time: Float[Array, ""]
-    _limit: Float[Array, ""]  # end of the motion [s]; inf for a rigid podium that rests for good
+    # Time up to which the motion is known [s]; inf if a rigid podium has come to rest for good.
+    _limit: Float[Array, ""]
     _rtol: Value | None
     _method: Any = eqx.field(static=True)
     level: str | int = eqx.field(static=True)

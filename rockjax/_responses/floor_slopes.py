@@ -205,7 +205,7 @@ def slope_of_load(
 ) -> Load:
     """Return the derivative of the load of a floor with respect to the logarithm of one parameter, (L8).
 
-    - `load`: acceleration and velocity jumps of the floor
+    - `load`: the acceleration of the floor, and the jumps of its velocity
     - `pieces`, `motion`: pieces of the scene, and the motion of modes and beam in them
     - `slope`: derivatives of the motion
     - `weights`, `change`: weights W_i of the floor and their derivatives, shape (modes,)

@@ -66,9 +66,9 @@ class Energies(Module):
         return self.initial + self.input - self.mechanical - self.impacts - self.damping - self.dampers
 
 
-# A solved scene: podium; excitation; nodes; end of the motion [s], inf for a podium that rests for good under
-# a rigid superstructure or none; method for the motion between the nodes; and `rtol`, None if there are no
-# restrainers.
+# A solved scene: podium; excitation; nodes; time up to which the nodes give the motion [s]; method for the
+# motion between the nodes; and `rtol`, None if there are no restrainers. The time is the end of the scene, or
+# inf if a podium with a rigid superstructure or none has come to rest for good.
 Solved = tuple[Podium, AbstractExcitation, Nodes, Value, Any, Any]
 
 

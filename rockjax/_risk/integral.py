@@ -28,8 +28,7 @@ class Contributions(NamedTuple):
     it.
 
     - `below`: contribution of intensities below the first point of the hazard curve
-    - `between`: contribution of each piece between the first and the last point; 0 for pieces that count as
-      `below` or `above`
+    - `between`: contribution of each piece; 0 for the pieces that are counted in `below` or `above`
     - `above`: contribution of intensities above the last point
     """
 

@@ -85,7 +85,8 @@ class FloorKind(Kind):
         texts, states, unanswered = list(result.texts), list(result.states), list(result.unanswered)
         codes = data[f"{self.dim}_result"].values
         for k in rows:
-            if states[k] == "joint opens":  # the state of an infinite value, here of an overturned block
+            # `with_texts` gives this state to every infinite value. Here the block has overturned.
+            if states[k] == "joint opens":
                 time = float(data["contents_overturn_time"].values[k, worst[k]])
                 texts[k], states[k] = f"{locations[k]} overturned at {time:.2f} s", "overturned"
             elif not texts[k] and results.did_not_finish(codes[k]).any():

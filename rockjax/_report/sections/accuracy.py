@@ -29,8 +29,8 @@ def section(evaluation: Evaluation, units: Units) -> Section:
         Quantity(float(options.atol), "number", is_input=True),
         "; overturning is |θ| = ",
         Quantity(float(options.overturn_ratio), "number", is_input=True),
-        " α. Scenes with unchanged inputs and motions are solved a second time with a tenth of the "
-        "tolerance, or ten times the tolerance if a tenth is close to rounding. The difference is the "
+        " α. Scenes with the inputs and motions of the problem file are solved a second time with a tenth of "
+        "the tolerance, or ten times the tolerance if a tenth is close to rounding. The difference is the "
         "estimated error.",
     )
     blocks: list[Any] = [Paragraph(text)]

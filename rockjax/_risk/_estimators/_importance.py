@@ -32,8 +32,8 @@ from ._base import AbstractMean
 
 ORIGIN_WEIGHT = 0.1  # weight w_0 of the density around the origin
 BATCH = 4096  # number of samples in memory at once
-# Failing samples with larger weights are far from all design points; near a design point, weights are about
-# Φ(−β).
+# Failing samples with larger weights are far from all design points; near a design point, weights are of the
+# order of Φ(−β).
 FAR_WEIGHT = 1.0
 SEARCHES = 4  # largest number of samples from which the search of a round starts
 # The tail consists of the largest TAIL_FACTOR·√n of the n weights of failing samples, at most a fifth of
