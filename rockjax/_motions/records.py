@@ -38,9 +38,9 @@ class Records(AbstractSampled):
 
     `Records.of(records)` returns a batch of k records, shape (k,). `pick(j)` selects record j. If j is an
     array of indices, `pick(j)` is a batch with the shape of j. `scaled(factor)` multiplies the records of the
-    batch by `factor`, a number or an array that broadcasts against the batch. In
-    [`rockjax.peak_responses`][], all scenes share the table, and one compiled program serves records of
-    different lengths.
+    batch by `factor`, a number or an array that broadcasts against the batch. Iteration yields the members
+    of the batch with their factors. In [`rockjax.peak_responses`][], all scenes share the table, and one
+    compiled program serves records of different lengths.
 
     - `acceleration`: samples, one record in each row, padded with zeros, shape (k, n) [m/s²]
     - `counts`: number of samples in each row, shape (k,)
@@ -122,7 +122,9 @@ class Records(AbstractSampled):
         return self.counts.shape[0]
 
     def __iter__(self) -> Iterator[Self]:
-        return (self.pick(j) for j in range(len(self)))
+        numpy = array_module(self)
+        members = numpy.broadcast_arrays(numpy.asarray(self.which), numpy.asarray(self.scale))
+        return (self.pick_scaled(j, f) for j, f in zip(*map(numpy.atleast_1d, members), strict=True))
 
     @property
     def sampling(self) -> Sampling:

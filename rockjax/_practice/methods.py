@@ -11,6 +11,7 @@ from rockjax._checks import as_strings, concrete, require_instance, require_numb
 from rockjax._excitations.ground import GroundMotion
 from rockjax._motions.convert import AnyMotions, as_motions, single_motions
 from rockjax._motions.record import Record
+from rockjax._responses.arguments import check_single
 from rockjax._structures import Podium
 
 from .base import Case, MethodResult
@@ -82,9 +83,7 @@ def _require_single(podium: Podium) -> None:
     """Raise `ValueError` for a batch of podiums, and for traced parameters."""
     if any(concrete(leaf) is None for leaf in jax.tree.leaves(podium)):
         raise ValueError(f"{OWNER}: podium must have concrete numbers; call {OWNER} outside jit and grad")
-    parameters = (podium.alpha, podium.R, podium.gamma, podium.lam, podium.g, podium.eta)
-    if any(np.ndim(value) for value in (*parameters, podium.restitution_factor)):
-        raise ValueError(f"{OWNER}: podium must be a single podium, got arrays of parameters")
+    check_single(OWNER, podium)
 
 
 def _vertical_peak(motions: AnyMotions) -> float | None:

@@ -170,7 +170,7 @@ def integrate_piecewise_linear(
     - `x`: intensities of the points of F, ascending, > 0, shape (m,)
     - `share`: F at `x`, shape (m,); its first element must be 0
 
-    Intensities above the last point of F count as `above`, even within the hazard curve.
+    Intensities above the last point of F count as `above`, even within or below the hazard curve.
     """
     k, points = segment_slopes(log_x, log_rate), jnp.exp(log_x)
     ends = jnp.sort(jnp.concatenate([points, x]))
@@ -182,7 +182,8 @@ def integrate_piecewise_linear(
     slope = jnp.where(is_inside, jnp.diff(share)[j] / jnp.diff(x)[j], 0.0)
     offset = jnp.where(is_inside, share[j] - slope * x[j], jnp.where(middle < x[0], 0.0, share[-1]))
     pieces = _linear_piece(left, right, k[i], jnp.exp(log_rate[i] + k[i] * log_x[i]), offset, slope)
-    is_below, is_above = middle < points[0], middle > jnp.minimum(points[-1], x[-1])
+    is_below = middle < jnp.minimum(points[0], x[-1])
+    is_above = middle > jnp.minimum(points[-1], x[-1])
     tail = jnp.exp(log_rate_at(log_x, log_rate, jnp.log(ends[-1]))) * share[-1]
     return Contributions(
         jnp.sum(jnp.where(is_below, pieces, 0.0)),

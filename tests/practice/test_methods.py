@@ -250,6 +250,18 @@ def test_the_sliding_frequency_is_the_lowest_at_the_capacity():
     assert math.isnan(asce_sliding.sliding_demand(motion, 100.0)[1])
 
 
+def test_tables_keep_their_factors_and_their_selection():
+    table = rj.Records.of(MOTIONS.records())
+    for records, motions in (
+        (table.scaled(2.0), [motion.scaled(2.0) for motion in MOTIONS]),
+        (table.pick([2, 0]).scaled([0.5, 3.0]), [MOTIONS[2].scaled(0.5), MOTIONS[0].scaled(3.0)]),
+        (table.pick(1), [MOTIONS[1]]),
+    ):
+        expected = [motion.pga for motion in motions]
+        np.testing.assert_allclose(one("static", motions=records).demand, expected, rtol=1e-12)
+        np.testing.assert_allclose([float(np.abs(y.strength())) for y in records], expected, rtol=1e-12)
+
+
 def test_restrainers_and_an_inelastic_impact_are_reasons_not_to_make_a_method():
     for result in rj.simplified_methods(BLOCK.replace(restrainers=(rj.Tendon(0.1, 1.0),)), MOTIONS):
         assert result.passes is None
@@ -266,7 +278,11 @@ def test_restrainers_and_an_inelastic_impact_are_reasons_not_to_make_a_method():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"podium": rj.Podium(np.array([0.1, 0.2]), 1.0)}, ["podium", "single"]),
+        ({"podium": rj.Podium(np.array([0.1, 0.2]), 1.0)}, ["podium", "scalar"]),
+        (
+            {"podium": BLOCK.replace(superstructure=rj.Elastic(20.0, [0.3, 0.5, 0.7]))},
+            ["podium", "scalar", "once for each podium"],
+        ),
         ({"podium": "a"}, ["podium", "rockjax.Podium"]),
         ({"motions": rj.Ricker(3.0, 1.0)}, ["motions", "rockjax.Motion"]),
         ({"motions": []}, ["motions", "at least one"]),

@@ -194,6 +194,15 @@ def test_counted_shares_are_integrated_as_they_are():
         rj.annual_frequency(doubled, HAZARD)
 
 
+@pytest.mark.parametrize("levels", [[0.01, 0.02, 0.03], [0.01, 0.03, 0.4], [6.0, 8.0, 9.0]])
+def test_levels_beside_the_hazard_count_once(levels):
+    share = [0, 0.5, 1]
+    found = rj.annual_frequency(analysis(share, levels), HAZARD)
+    expected = by_quadrature(lambda x: np.interp(x, levels, share), levels)
+    assert float(found.frequency) == pytest.approx(expected, rel=1e-10)
+    assert 0 < float(found.extrapolated) <= 1 + 1e-12
+
+
 def test_measures_and_units_must_match():
     with pytest.raises(ValueError, match=r"same intensity measure, got Sa.* and PGA"):
         rj.annual_frequency(fragility("Sa(1 s)"), HAZARD)
