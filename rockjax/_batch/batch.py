@@ -82,7 +82,8 @@ def peak_responses(
     not finish, its `result` is the reason. Other scenes are not affected, and a `RuntimeWarning` counts the
     unfinished scenes. Ctrl-C stops the batch after the present chunk of scenes on each core or device, and
     raises [`rockjax.Interrupted`][], a `KeyboardInterrupt` that contains the answers so far. `Interrupted`
-    contains no answers if no scene had ended, or if Ctrl-C came during the solution of `on_floors`.
+    contains no answers if no scene had ended, with the output "errors" if no second solution had ended, or
+    if Ctrl-C came during the solution of `on_floors`.
 
     - `podiums`: the structures
     - `excitations`: the ground motions
@@ -181,12 +182,17 @@ def responses(
     solutions = [run_batch(scenes, options, progress, stop, lane_executor, names)[:2]]
     if "errors" in options.outputs and not stop.is_set():
         solutions.append(run_batch(scenes, second_options(options), False, stop, lane_executor)[:2])
-    if stop.is_set() and not all("code" in integers for _, integers in solutions):
-        raise Interrupted("stopped before any scene had ended", None)
+    if stop.is_set() and not (len(solutions) == solution_count and all("code" in y for _, y in solutions)):
+        scene = (
+            "scene" if solution_count == 1 else "scene and its second solution, which estimates the errors,"
+        )
+        raise Interrupted(f"stopped before any {scene} had ended", None)
     if len(solutions) > 1:
         # A scene without its second solution has no estimated errors, and counts as unfinished.
-        (_, first), (_, second) = solutions
-        first["code"][second["code"] == results.INTERRUPTED] = results.INTERRUPTED
+        is_unfinished = solutions[1][1]["code"] == results.INTERRUPTED
+        solutions[0][1]["code"][is_unfinished] = results.INTERRUPTED
+        for values in solutions[0][0].values():
+            values[is_unfinished] = np.nan
     for answer in (answer for solution in solutions for answer in solution):
         for name, values in answer.items():
             answer[name] = values.reshape((*shape, *values.shape[1:]))

@@ -37,7 +37,7 @@ class Bounds:
 
     - `c`: constants of the podium
     - `overturn_angle`: α_o [rad]
-    - `well`: |θ| at the top of the potential well [rad]; with restrainers, at most the overturning angle
+    - `well`: |θ| at the top of the potential well, at most the overturning angle [rad]
     - `ground`, `vertical`: bounds on the present and later |ü_g| and |v̈_g| [m/s²]; `vertical` is the float
       0.0 if the ground does not move vertically
     - `energy`: bound on the energy per mass N m_c of all columns, (C19) [m²/s²]
@@ -92,7 +92,8 @@ class Bounds:
         energy_now = energy(c, sigma, x, v)
         max_energy = energy_after(c, energy_now, impulse)
         one = jnp.ones_like(t)
-        self.well = c.alpha if c.restraint is None else jnp.minimum(c.restraint.well, scene.overturn_angle)
+        well = c.alpha if c.restraint is None else c.restraint.well
+        self.well = jnp.minimum(well, scene.overturn_angle)
         self.vertical = 0.0
         if isinstance(scene.lookahead, PairLookahead):
             self.vertical = scene.lookahead.vertical_peak(t, piece)

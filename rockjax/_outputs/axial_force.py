@@ -77,7 +77,7 @@ class AxialForce(AbstractJointOutput):
         )
 
     def answer(self, ended: Ended, accumulator: Pairs, note: Any) -> dict[str, Any]:
-        tension, compression = (self.nan_if_weightless(ended, y) for y in zip(*accumulator, strict=True))
+        tension, compression = (self.nan_if_unknown(ended, y) for y in zip(*accumulator, strict=True))
         # `-tension` would be −0 for a force of 0.
         return {"least_axial_force": 0.0 - tension, "peak_axial_force": compression}
 

@@ -52,4 +52,4 @@ class PeakFoundationShear(AbstractForceOutput):
         return bounds.foundation_shear <= accumulator * total_weight(bounds.c)
 
     def answer(self, ended: Ended, accumulator: Value, note: Any) -> dict[str, Any]:
-        return {self.name: self.nan_if_weightless(ended, accumulator)}
+        return {self.name: self.nan_if_unknown(ended, accumulator)}

@@ -183,7 +183,7 @@ class PeakFriction(AbstractJointOutput):
 
     def answer(self, ended: Ended, accumulator: Forces, note: Any) -> dict[str, Any]:
         demands = jnp.stack([force.demand for force in accumulator])
-        return {self.name: self.nan_if_weightless(ended, demands)}
+        return {self.name: self.nan_if_unknown(ended, demands)}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -231,4 +231,4 @@ class FrictionUse(AbstractJointOutput):
     def answer(self, ended: Ended, accumulator: Accumulator, note: Any) -> dict[str, Any]:
         capacity = self.limit * ended.scene.c.g * not_none(ended.scene.c.joints).dead_load
         use = 1 + jnp.stack(accumulator) / jnp.where(capacity > 0, capacity, 1.0)
-        return {self.name: self.nan_if_weightless(ended, jnp.where(capacity > 0, use, 0.0))}
+        return {self.name: self.nan_if_unknown(ended, jnp.where(capacity > 0, use, 0.0))}

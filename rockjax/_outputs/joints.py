@@ -146,6 +146,12 @@ class AbstractForceOutput(AbstractOutput):
         joints."""
         return jnp.where(ended.code == results.WEIGHTLESS, jnp.nan, jnp.asarray(values))
 
+    def nan_if_unknown(self, ended: Ended, values: Values | Sequence[Value]) -> Values:
+        """Return the values as `nan_if_weightless` does, but NaN also if the initial state is overturned, so
+        that no step was made."""
+        starts_overturned = ended.overturn_time <= ended.scene.start  # False for the time NaN
+        return jnp.where(starts_overturned, jnp.nan, self.nan_if_weightless(ended, values))
+
     def absent(self, ended: Ended) -> dict[str, Any]:
         del ended
         return {}

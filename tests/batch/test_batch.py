@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import rockjax as rj
+from rockjax._batch import batch
 from rockjax._batch.exchange import DoneScenes
 from rockjax._machine import memory
 from rockjax._machine.threads import run_in_threads
@@ -321,6 +322,35 @@ def test_an_error_in_one_thread_stops_the_others():
     with pytest.raises(RuntimeError, match="second"):
         run_in_threads(work, 2, stop, raises=True)
     assert stopped == [True]
+
+
+@pytest.mark.parametrize("unsolved", [None, 1])
+def test_scenes_without_a_second_solution_count_as_unfinished(monkeypatch, unsolved):
+    """Ctrl-C comes before the second solution, which estimates the errors, or during it."""
+    stop, calls = threading.Event(), []
+
+    def interrupted(scenes, options, progress, stop, *more):
+        answers = run_batch(scenes, options, progress, None, *more)
+        calls.append(answers)
+        if unsolved is None or len(calls) == 2:
+            stop.set()
+        if len(calls) == 2:
+            answers[1]["code"][unsolved] = rj.RESULTS.interrupted._value
+        return answers
+
+    run_batch = batch.run_batch
+    monkeypatch.setattr(batch, "run_batch", interrupted)
+    options = rj.Options(outputs=("peak_rotation", "errors"))
+    arguments = PODIUMS["block"], rj.OneSine(np.linspace(2.0, 3.0, 3), 1.0), rj.State(), None, options, False
+    with pytest.raises(rj.Interrupted) as error:
+        batch.responses(*arguments, stop)
+    partial = error.value.partial
+    if unsolved is None:
+        assert partial is None
+        assert "second solution" in str(error.value)
+    else:
+        assert np.isnan(partial.peak_rotation).tolist() == [False, True, False]
+        assert (partial.result == rj.RESULTS.interrupted).tolist() == [False, True, False]
 
 
 def test_every_scene_ends_after_the_start_of_its_motion():

@@ -103,6 +103,29 @@ def test_initial_rotation_at_the_limit_is_overturned(ratio):
         assert int(peak.stats.steps) == 0 or not at_once
 
 
+def test_a_scene_is_followed_until_it_overturns_at_a_small_ratio():
+    """After the first impact this block still passes α/2. Without the rotation among the outputs, the scene
+    must not end before."""
+    block, initial = rj.Podium(0.25, 1.2), rj.State(theta=1e-3, theta_dot=-0.66)
+    solve = lambda *outputs: rj.peak_response(
+        block, rj.Rest(), initial=initial, options=rj.Options(outputs=outputs, overturn_ratio=0.5)
+    )
+    peak, expected = solve("peak_velocity_jump"), solve("peak_rotation")
+    assert bool(expected.overturned)
+    assert bool(peak.overturned)
+    assert float(peak.overturn_time) == pytest.approx(float(expected.overturn_time), rel=1e-12)
+
+
+def test_joint_forces_of_a_scene_that_starts_overturned_are_unknown():
+    tower = rj.Podium(0.3, 1.0, 2.0, elevation=rj.Elevation([-1.0, 1.0]))
+    options = rj.Options(outputs=("peak_friction", "axial_force", "peak_foundation_shear"))
+    peak = rj.peak_response(tower, rj.Rest(), initial=rj.State(theta=0.31), options=options)
+    assert bool(peak.overturned)
+    for values in (peak.peak_friction, peak.least_axial_force, peak.peak_axial_force):
+        assert np.isnan(values).all()
+    assert np.isnan(float(peak.peak_foundation_shear))
+
+
 def test_past_alpha_and_back():
     """During shaking a column can pass α and return. It is overturned by the paper's criterion, not with a
     larger ratio."""
