@@ -53,6 +53,10 @@ class Margin(AbstractEventOutput):
         rises = (end.stamp >= jax.lax.stop_gradient(scene.end)) & (x[0] * v[0] > 0)
         at_end = margin_at_rest(scene.c, scene.overturn_angle, jnp.abs(x[0]))
         least = jnp.where(rises & (at_end < least), at_end, least)
+        if end.jolt is not None:
+            # The rotation also turns where a jump of the ground's velocity reverses it.
+            turns = (x[0] * (v[0] - end.jolt.change[0]) > 0) & (x[0] * v[0] <= 0)
+            least = jnp.where(turns & (at_end < least), at_end, least)
         return jnp.where(end.toppled, margin_at_fall(scene.c, scene.overturn_angle, v[0]), least), note
 
     def over_bounces(self, bounces: Bounces, accumulator: Value) -> Flag:

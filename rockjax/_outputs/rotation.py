@@ -92,7 +92,10 @@ def highest_angle(end: StepEnd) -> tuple[Value, Value]:
     # If |θ| is largest at the end of a step that ends neither on an event nor at the end of the scene, this
     # end is a turning point up to rounding, or |θ| rises further in the next step. The time is then that of
     # the turning point near this end.
-    at_event = (end.lands | step.trial.ends_scene) & ~at_turn
+    at_event = end.lands | step.trial.ends_scene
+    if end.jolt is not None:  # the ground's velocity may jump there and reverse the rotation
+        at_event |= step.trial.reaches_stop
+    at_event &= ~at_turn
     turn = jnp.where(at_turn, guard.turn, 1.0)
     time = jnp.where(at_event, end.now, step.state.t + step.time_to_turn(turn))
     return jnp.where(at_turn, peak, end_angle), time

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.integrate
 
 import rockjax as rj
 from rockjax._engine.scene import plan_for, prepare
@@ -77,6 +78,29 @@ def test_a_jump_moves_a_rocking_block():
     for up, sigma in ((0.3 / math.tan(0.2) * (1 + 1e-9), 0), (0.3 / math.tan(0.2) * (1 - 1e-6), -1)):
         assert float(after(0.0, 0.0, 0.3, up).sigma) == sigma
     assert float(after(0.0, 0.0, 0.0, 0.3).sigma) == 0
+
+
+def test_a_jump_that_reverses_a_block_is_a_turning_point():
+    """The second jump presses the rising block down. The block rises less at its other edge."""
+    across = PiecewiseMotion(
+        jnp.array([0.0, 0.5, 0.6, 6.0]), jnp.zeros((4, DEGREE + 1)), jnp.array([0.0, 0.3, -0.2, 0.0])
+    )
+    still = PiecewiseMotion(across.times, across.coefficients, jnp.zeros(4))
+    block, options = rj.Podium(0.2, 0.5), FINE.replace(outputs=("peak_rotation", "margin"))
+    floats, _, _ = _solve(block, rj.GroundMotion(across, still), jnp.asarray(6.0), options, False)
+    # Until the second jump the block moves freely: θ̈ = −p² sin(α − θ).
+    motion = scipy.integrate.solve_ivp(
+        lambda t, y: (y[1], -(float(block.p) ** 2) * math.sin(0.2 - y[0])),
+        (0.5, 0.6),
+        (0.0, 0.3 * 1.470099866761862),
+        rtol=1e-12,
+        atol=1e-14,
+    )
+    angle = motion.y[0, -1]
+    np.testing.assert_allclose(float(floats["peak_rotation"]), angle / 0.2, rtol=1e-8)
+    np.testing.assert_allclose(float(floats["peak_rotation_time"]), 0.6, rtol=1e-12)
+    lowest = (math.cos(0.2 - angle) - math.cos(0.2)) / (1 - math.cos(0.2))
+    np.testing.assert_allclose(float(floats["margin"]), 1 - lowest, rtol=1e-7)
 
 
 def test_one_impact_starts_a_block():
