@@ -89,7 +89,7 @@ class Request:
             table = merged.get(self.command, {})
             merged[self.command] = table | self.option_values(self.keys) if isinstance(table, dict) else table
         else:
-            merged |= self.option_values(("starts", "seed"))
+            merged |= self.option_values(("starts", "seed", "friction"))
         merged["options"] = self._options(merged.get("options", {}))
         if "R" in option_names:  # the command has options of structures
             merged["structure"] = self._structure(merged.get("structure"))
@@ -204,15 +204,14 @@ class Request:
             name: [self._override(entry, explicit) for entry in entries if isinstance(entry, dict)]
         }
 
-    @property
-    def changes_motion(self) -> bool:
-        """True if options on the command line change a motion, or select one from a set."""
-        return bool(self.option_values((*_MOTION_KEYS, "number")))
-
     def options(self, **defaults: Any) -> rj.Options:
         """Return the options of the solver. `defaults` are values of keys that neither the command line nor
-        the problem file sets."""
-        return self.reader.options(self.problem.options, **defaults)
+        the problem file sets. Outputs in the table of the command replace those in `[options]`."""
+        given = self.problem.options
+        outputs = None if self.settings is None else self.settings.as_arguments().get("outputs")
+        if outputs:
+            given = given.model_copy(update={"outputs": outputs})
+        return self.reader.options(given, **defaults)
 
     def podium(self) -> rj.Podium:
         """Return the structure. Also sets `MASSES`, the attributes of output files."""
@@ -302,12 +301,13 @@ class Request:
         return members[(number or 1) - 1]
 
     def motion_or_set(self, podium: rj.Podium) -> Any:
-        """Return all motions of the chosen set. If options change or select a motion, or if the set has only
-        one, return a single motion."""
+        """Return all motions of the chosen set. Return a single motion if options change one, if a number
+        selects one, or if the set has only one."""
         from rockjax._problem.reading import has_pulses, to_excitation
 
         sets, name = self.problem.motions, self.settings.motion
-        if (name is None and len(sets) > 1) or self.changes_motion:
+        is_single = self.settings.number is not None or bool(self.option_values(_MOTION_KEYS))
+        if (name is None and len(sets) > 1) or is_single:
             return to_excitation(self.motion(podium))
         name = self.motion_set_name(name)
         if not has_pulses(sets[name]):

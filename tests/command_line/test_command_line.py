@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import get_args
 
 import numpy as np
@@ -540,6 +541,18 @@ def test_a_design_takes_options_over_its_file(run, monkeypatch, tmp_path):
     assert "--gamma: unknown key; valid keys are width, height, column_mass" in err
 
 
+def test_friction_of_a_design_overrides_its_file(run, calls, monkeypatch, tmp_path):
+    from optimise import _cli
+
+    monkeypatch.setattr(_cli, "design_command", lambda *_: (SimpleNamespace(podium=None), [], None))
+    monkeypatch.setattr(_cli, "joint_peaks", lambda *_: None)
+    found = calls("rockjax._cli._design.joint_warnings")
+    (tmp_path / "column.toml").write_text("friction = 0.5\n" + (PROBLEMS / "column.toml").read_text())
+    for flags in ((), ("--friction", 0.2)):
+        run("design", "column.toml", *flags)
+    assert [arguments[2] for arguments, _ in found] == [0.5, 0.2]
+
+
 def test_ctrl_c_during_a_design_writes_the_best_one(run, monkeypatch, tmp_path):
     (tmp_path / "p.toml").write_text(
         "[structure]\ntan_alpha = 0.15\nR = 1.5\n[vary]\nalpha = [0.05, 0.5]\n[minimise]\nquantity = "
@@ -656,6 +669,63 @@ def test_floors_writes_spectra_and_their_picture(run, tmp_path):
     assert json.loads(out)["levels"]["deck"]["peak_velocity_jump"] > 0
     code, _, err = run("floors", problem, "--levels", "3")
     assert (code, "story from 1 to 1, got level = 3" in err) == (2, True)
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    """Return a function that replaces a function by one that stops the command. It returns a list, in which
+    the arguments of the call are recorded as (positional arguments, keyword arguments)."""
+
+    def record(target):
+        found = []
+
+        def stop(*arguments, **given):
+            found.append((arguments, given))
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr(target, stop)
+        return found
+
+    return record
+
+
+@pytest.mark.parametrize(
+    ("command", "function"),
+    [("peaks", "peak_responses"), ("floors", "floor_spectrum"), ("ensemble", "ensemble"), ("sweep", "grid")],
+)
+def test_a_number_in_the_file_selects_one_motion(run, calls, tmp_path, command, function):
+    found = calls(f"rockjax.{function}")
+    axis = ("--axis", "gamma=1,2") if command == "sweep" else ()
+    for number in (2, 3):
+        (tmp_path / "frame.toml").write_text(FRAME + f"[{command}]\nmotion = 'pulses'\nnumber = {number}\n")
+        code, _, err = run(command, "frame.toml", *axis)
+        if number == 2:
+            ((_, motion, *_),) = [arguments for arguments, _ in found]
+            assert np.ravel(motion.a_p) == pytest.approx([3.0 * 0.15 * 9.80665])
+        else:
+            assert (code, "motions.pulses: number must be from 1 to 2, got 3" in err) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("command", "function"), [("peaks", "peak_responses"), ("ensemble", "ensemble"), ("sweep", "sweep")]
+)
+def test_outputs_of_the_command_replace_those_of_the_options(run, calls, tmp_path, command, function):
+    found = calls(f"rockjax.{function}")
+    axis = ("--axis", "gamma=1,2") if command == "sweep" else ()
+    common = FRAME + "outputs = ['peak_shear']\n"
+    table = f"[{command}]\nmotion = 'pulses'\n"
+    for text, flags in (
+        (table, ()),
+        (table + "outputs = ['margin']\n", ()),
+        (table + "outputs = ['margin']\n", ("--outputs", "peak_rotation")),
+    ):
+        (tmp_path / "frame.toml").write_text(common + text)
+        run(command, "frame.toml", *axis, *flags)
+    assert [given["options"].outputs for _, given in found] == [
+        ("peak_shear",),
+        ("margin",),
+        ("peak_rotation",),
+    ]
 
 
 def test_peaks_of_every_motion_of_a_set(run, tmp_path):

@@ -44,7 +44,7 @@ class Options(Keys):
         None, "Columns come to rest at an impact that leaves at most this |θ̇|/(pα) [–]."
     )
     max_steps: Count | None = key(None, "Maximum number of trial steps of a scene.")
-    outputs: list[str] | None = key(None, "Requested outputs.")
+    outputs: list[str] | None = key(None, "Requested outputs, unless the table of the command has its own.")
     history: Count | None = key(None, "Number of steps that a history can hold under jit.")
     throw: bool | None = key(None, "Raise an error if a scene does not finish.")
 
