@@ -82,14 +82,9 @@ def as_records(owner: str, value, name: str = "records") -> tuple[Records | Reco
     motions that are not records.
     """
     if isinstance(value, RecordPairs):
-        return value, None
+        return RecordPairs(*(_complete_table(owner, getattr(value, part), name) for part in PARTS)), None
     if isinstance(value, Records):
-        which, scale = concrete(value.which), concrete(value.scale)
-        # If only some rows are selected, or if rows are scaled, a new table is built from these rows. This
-        # needs concrete values, so a table with traced values is returned unchanged.
-        is_traced = which is None or scale is None
-        is_complete = is_traced or (np.array_equal(which, np.arange(len(value))) and bool(np.all(scale == 1)))
-        return (value if is_complete else Records.of(_records_of_table(owner, value, name))), None
+        return _complete_table(owner, value, name), None
     members, names = single_motions(owner, value, name)
     pairs = [member for member in members if isinstance(member, GroundMotion)]
     components = [component for pair in pairs for component in (pair.horizontal, pair.vertical)]
@@ -104,8 +99,19 @@ def as_records(owner: str, value, name: str = "records") -> tuple[Records | Reco
     return Records.of([member for member in members if isinstance(member, Record)]), names
 
 
-def as_motions(owner: str, value, name: str = "motion") -> list[Motion]:
-    """Return one or several motions as a list of `Motion`. A `Record` becomes a `Motion`. For a
+def _complete_table(owner: str, records: Records, name: str) -> Records:
+    """Return a table whose rows are the members of a batch of records, with their factors. A table with
+    traced values is returned unchanged, because its selected rows are unknown."""
+    which, scale = concrete(records.which), concrete(records.scale)
+    is_traced = which is None or scale is None
+    if is_traced or (np.array_equal(which, np.arange(len(records))) and bool(np.all(scale == 1))):
+        return records
+    return Records.of(_records_of_table(owner, records, name))
+
+
+def as_motions(owner: str, value, name: str = "motion", count: int = 0) -> list[Motion]:
+    """Return one or several motions as a list of `Motion`. A `Record` becomes a `Motion` with the name
+    `record k`, where k is its position in the list, from 1. `count` motions precede the list. For a
     `GroundMotion`, the list contains only the horizontal component. Raises `ValueError` for motions without
     samples, and for traced samples."""
     if isinstance(value, Motion):
@@ -115,7 +121,9 @@ def as_motions(owner: str, value, name: str = "motion") -> list[Motion]:
     if isinstance(value, Iterable) and not isinstance(
         value, str | bytes | AbstractExcitation | np.ndarray | jax.Array
     ):
-        motions = [motion for entry in value for motion in as_motions(owner, entry, name)]
+        motions = []
+        for entry in value:
+            motions += as_motions(owner, entry, name, count + len(motions))
         if not motions:
             raise ValueError(f"{owner}: {name} must hold at least one motion, got none")
         return motions
@@ -128,7 +136,7 @@ def as_motions(owner: str, value, name: str = "motion") -> list[Motion]:
                 f"{owner}: {name} must be rockjax.Motion, Motions or records, got {format_value(member)}; "
                 "rockjax.Motion(motion(t), dt) samples a motion at times t"
             )
-        motions.append(Motion(float(member.scale) * samples, float(member.dt), f"record {k + 1}"))
+        motions.append(Motion(float(member.scale) * samples, float(member.dt), f"record {count + k + 1}"))
     return motions
 
 
@@ -198,7 +206,7 @@ def _records_of_table(owner: str, records: Records, name: str) -> list[Record]:
     if which is None or counts is None:
         raise ValueError(f"{owner}: {name} must be concrete, but is traced; pass a list of records")
     if which.ndim > 1:
-        raise ValueError(f"{owner}: {name} must be Records of shape (k,), got shape {which.shape}")
+        raise ValueError(f"{owner}: {name} must be a table of shape (k,), got shape {which.shape}")
     scales = (
         np.broadcast_to(concrete(records.scale), which.shape) if concrete(records.scale) is not None else None
     )

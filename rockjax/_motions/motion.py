@@ -318,8 +318,9 @@ class Motions(Sequence[Motion]):
 
         Two motions belong together if their headers state the same station, event and date. If the header of
         a horizontal motion states no station, the names decide: the name of the vertical motion, without a
-        suffix such as UP, must be the beginning of the name of the horizontal motion. A vertical component
-        that is positive downwards is multiplied by −1.
+        suffix such as UP, must be the beginning of the name of the horizontal motion and must not divide a
+        number, except before an azimuth of three digits: E06-UP belongs to E06-NS and E06140, but not to
+        E061. A vertical component that is positive downwards is multiplied by −1.
 
         Raises `ValueError` if there is no horizontal motion, or if any horizontal motion does not match
         exactly one vertical motion; the message lists all such motions.

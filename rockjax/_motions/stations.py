@@ -66,14 +66,22 @@ def _match_name(motion: M, vertical: dict[tuple, list[M]]) -> list[M]:
     states a station.
 
     The stem of a vertical motion is its name without the suffix of the component. A vertical motion matches
-    if its stem is the beginning of the name of `motion`. Only the matches with the longest stem are returned.
+    if its stem is the beginning of the name of `motion` and does not divide a number. Only the matches with
+    the longest stem are returned.
     """
     if motion.metadata.get("station"):
         return []
     stems = [(split_name(other.name)[0], other) for others in vertical.values() for other in others]
-    stems = [(stem, other) for stem, other in stems if stem and motion.name.startswith(stem)]
+    stems = [(stem, other) for stem, other in stems if stem and _begins_with(motion.name, stem)]
     longest = max((len(stem) for stem, _ in stems), default=0)
     return [other for stem, other in stems if len(stem) == longest]
+
+
+def _begins_with(name: str, stem: str) -> bool:
+    """Return whether a name begins with a stem that does not divide a number, as A1 does in A10. Three digits
+    at the end of the name are an azimuth, such as 140 in E06140."""
+    is_divided = re.match(r"\d\d", name[len(stem) - 1 :]) and not re.fullmatch(r"\d{3}", name[len(stem) :])
+    return name.startswith(stem) and not is_divided
 
 
 def _match_depth(motion: M, others: list[M]) -> list[M]:

@@ -154,9 +154,7 @@ def _integrate_without_limits(
     )
     below = jnp.exp(log_factor[0] + norm.logcdf(z[0] + shift[0])) - F[0] * rate[0]
     above = jnp.exp(log_factor[-1] + norm.logsf(z[-1] + shift[-1])) + F[-1] * rate[-1]
-    return Contributions(
-        jnp.maximum(below, 0.0), jnp.maximum(between, 0.0), jnp.where(k[-1] > 0, above, F[-1] * rate[-1])
-    )
+    return Contributions(jnp.maximum(below, 0.0), jnp.maximum(between, 0.0), above)
 
 
 def integrate_piecewise_linear(

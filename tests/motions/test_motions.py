@@ -304,6 +304,19 @@ def test_measures_of_several_motions_with_a_podium(suite):
         assert float(one["velocity_ratio"]) == pytest.approx(p * motion.pgv / (G * math.tan(0.15)))
 
 
+def test_records_without_names_are_numbered(suite):
+    a, b, c = suite.records()
+    for motions, names in (
+        ([a, b], ["record 1", "record 2"]),
+        (
+            [a, suite[1], [b, rj.Records.of([c, a])]],
+            ["record 1", suite[1].name, *map("record {}".format, (3, 4, 5))],
+        ),
+        (rj.Records.of([a, b]).pick([1, 0]), ["record 1", "record 2"]),
+    ):
+        assert rj.intensity_measures(motions, periods=[1.0])["motion"].values.tolist() == names
+
+
 @pytest.mark.parametrize("measure", ["PGA", "PGV", "PGD", "CAV", "arias_intensity", "Sa"])
 def test_scaling_to_a_measure(suite, measure):
     period = 1.0 if measure == "Sa" else None

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import rockjax as rj
+from rockjax._motions.convert import as_records
 from rockjax._problem.models import Problem
 from rockjax._problem.reading import Reader
 
@@ -50,6 +51,29 @@ def test_components_of_stations_by_the_names_of_files():
             named("H", station="K", component="H"), named("UP1", station="K", component="UP"),
             named("UP2", station="K", component="UP"),
         )).paired()  # fmt: skip
+
+
+def test_names_are_not_divided_within_numbers():
+    suite = (named("A1"), named("A1-UP"), named("A10"), named("A1_2"))
+    with pytest.raises(ValueError, match=r"1 motions do not .*\n  A10: has no vertical motion$"):
+        rj.Motions(suite).paired()
+    others = (*suite[:2], suite[3], named("A1140"))
+    assert rj.Motions(others).paired().names == ["A1", "A1_2", "A1140"]
+
+
+def test_selected_and_scaled_pairs_become_complete_tables():
+    suite = [dataclasses.replace(named(f"m{k}", k), vertical=named("v", k + 3, 0.6)) for k in range(3)]
+    pairs, names = as_records("", suite)
+    assert names == ["m0", "m1", "m2"]
+    table, _ = as_records("", pairs.pick([2, 0]).scaled(2.0))
+    assert len(table) == 2
+    for part in ("horizontal", "vertical"):
+        found, original = getattr(table, part), np.asarray(getattr(pairs, part).acceleration)
+        np.testing.assert_array_equal(found.acceleration, 2 * original[[2, 0]])
+        np.testing.assert_array_equal(found.which, [0, 1])
+        assert found.scale == 1
+    with pytest.raises(ValueError, match=r"IDA: records must be a table of shape \(k,\), got shape \(3, 1\)"):
+        as_records("IDA", pairs.pick(np.arange(3)[:, None]))
 
 
 @pytest.mark.parametrize(

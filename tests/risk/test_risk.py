@@ -132,9 +132,13 @@ def test_a_flat_segment_contributes_nothing():
     steep = rj.annual_frequency(rj.Lognormal(1.4, 0.01), flat)
     assert float(steep.frequency) == pytest.approx(1e-3, rel=1e-9)
     ends = rj.Hazard([0.1, 1.0, 2.0], [1e-2, 1e-3, 1e-3])
-    # A rate that stays constant at large intensities adds nothing.
-    found = rj.annual_frequency(rj.Lognormal(1.4, 0.01), ends)
-    assert float(found.frequency) == pytest.approx(1e-3, rel=1e-9)
+    # A rate that stays constant at large intensities is the limit of a rate that decreases slowly: each
+    # event at the last point has an unlimited intensity.
+    steep = rj.annual_frequency(rj.Lognormal(1.4, 0.01), ends)
+    assert float(steep.frequency) == pytest.approx(1e-3, rel=1e-9)
+    limit = rj.Hazard([0.1, 1.0, 2.0], [1e-2, 1e-3, 1e-3 * (1 - 1e-9)])
+    flat, slow = (rj.annual_frequency(rj.Lognormal(3.0, 0.4), hazard) for hazard in (ends, limit))
+    assert float(flat.frequency) == pytest.approx(float(slow.frequency), rel=1e-7)
 
 
 def test_derivatives_agree_with_finite_differences():
