@@ -1,7 +1,7 @@
 """Overturning boundaries of a rocking spectrum, by bisection between grid points with different outcomes.
 
-The outcome of a grid point is survival or overturning. The bisection runs the programs that are compiled for
-the grid. It misses boundaries between two neighbouring grid points with the same outcome; the search of
+The outcome of a grid point is survival or overturning. Grid points whose scenes did not finish have no outcome
+and are left out. The bisection runs the programs that are compiled for the grid. It misses boundaries between two neighbouring grid points with the same outcome; the search of
 [`rockjax.overturning_spectrum`][] is not bound to a grid.
 """
 
@@ -20,7 +20,7 @@ from rockjax._options import Options
 from rockjax._parameters.variants import pulse_period
 from rockjax._responses.datasets import derived_numbers
 from rockjax._responses.simulate import REST
-from rockjax._results import Interrupted
+from rockjax._results import Interrupted, outcomes
 from rockjax._roots import bisect
 from rockjax._structures import Podium
 
@@ -46,34 +46,41 @@ def with_boundaries(
     - `podiums`, `pulse`, `options`: arguments with which `spectra` were computed
     - `progress`: `True` for progress bars, or any object with a method `update(number_of_scenes)`
 
-    If the lowest acceleration of the grid already overturns the columns, it is the first boundary. Ctrl-C
+    If the lowest acceleration whose scene finished already overturns the columns, it is the first boundary. Ctrl-C
     raises [`rockjax.Interrupted`][]; its `partial` is the list of the unchanged spectra.
     """
     with_boundary: dict[int, xarray.Dataset] = {}
     for members in group_by_structure(podiums).values():
         group = [spectra[k] for k in members]
         # The axes are podium, frequency and acceleration.
-        overturned = np.stack([data["overturned"].values.T for data in group])
+        outcome = np.stack([outcomes(data).values.T for data in group])
         ratios = group[0]["acceleration_ratio"].values
-        podium_index, column, row = np.nonzero(np.diff(overturned, axis=2))
+        finished = np.nonzero(np.isfinite(outcome))
+        overturned, finished_ratio = outcome[finished] == 1, ratios[finished[2]]
+        is_lowest = np.diff(finished[0] * outcome.shape[1] + finished[1], prepend=-1) > 0
+        overturned_from_start = np.flatnonzero(is_lowest & overturned)
+        above = np.flatnonzero(~is_lowest & np.diff(overturned, prepend=False))  # grid points above a change
+        podium_index, column = finished[0][above], finished[1][above]
         boundaries = np.zeros(0)
-        if podium_index.size:
+        if above.size:
             overturns = _outcome_function(
                 [podiums[k] for k in members], group, pulse, podium_index, column, options, progress
             )
-            low_outcome = overturned[podium_index, column, row]
+            low_outcome = overturned[above - 1]
             has_low_outcome = lambda ratio, low_outcome=low_outcome, overturns=overturns: (
                 overturns(ratio) == low_outcome
             )
             try:
-                low, high = bisect(has_low_outcome, ratios[row], ratios[row + 1], HALVINGS)
+                low, high = bisect(
+                    has_low_outcome, finished_ratio[above - 1], finished_ratio[above], HALVINGS
+                )
             except Interrupted:
                 raise Interrupted("stopped while boundaries were narrowed down", list(spectra)) from None
             boundaries = 0.5 * (low + high)
         for j, (k, data) in enumerate(zip(members, group, strict=True)):
-            is_own, overturned_from_start = podium_index == j, np.flatnonzero(overturned[j, :, 0])
-            columns = np.concatenate([overturned_from_start, column[is_own]])
-            values = np.concatenate([np.full(overturned_from_start.size, ratios[0]), boundaries[is_own]])
+            is_own, start = podium_index == j, overturned_from_start[finished[0][overturned_from_start] == j]
+            columns = np.concatenate([finished[1][start], column[is_own]])
+            values = np.concatenate([finished_ratio[start], boundaries[is_own]])
             order = np.argsort(columns, kind="stable")
             with_boundary[k] = _add_boundaries(data, columns[order], values[order])
     return [with_boundary[k] for k in range(len(podiums))]

@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
+from ._outcomes import is_unfinished
 from ._panel_layout import grid_of_panels, legend_beside, mass_label, period_label
 from ._spectra import dimensional_axes
 from ._style import ACCELERATION_RATIO, FREQUENCY_RATIO, curve_style, on_axes, styled, symbol_for
@@ -42,7 +43,7 @@ def overturning_curve(dataset: xarray.Dataset, ax: Axes | None = None, **line) -
 
     x, least = dataset["frequency_ratio"].values, minimum_overturning(dataset).values
     curve = ax.step(x, least, where="mid", **line)[0]
-    _mark_ends(ax, x, least, float(dataset["acceleration_ratio"].values[-1]), curve.get_color())
+    _mark_ends(ax, x, least, _searched_up_to(dataset).min(), curve.get_color())
     ax.set(xlabel=FREQUENCY_RATIO, ylabel=ACCELERATION_RATIO)
     return ax
 
@@ -91,6 +92,15 @@ def _search_end(dataset: xarray.Dataset) -> float:
     return float(dataset.attrs.get("max_acceleration_ratio") or dataset["acceleration_ratio"].values[-1])
 
 
+def _searched_up_to(dataset: xarray.Dataset) -> np.ndarray:
+    """Return the largest a_p/(g tan α) of the search at each frequency, shape (n,). In a rocking spectrum,
+    this is the largest acceleration whose scene finished, or 0 if no scene did."""
+    if "overturned" not in dataset:
+        return np.full(dataset.sizes["frequency_ratio"], _search_end(dataset))
+    finished = dataset["acceleration_ratio"].where(~is_unfinished(dataset))
+    return finished.max("acceleration_ratio").fillna(0.0).values
+
+
 @on_axes
 def overturning_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, **line) -> Axes:
     """Plot the least overturning acceleration against frequency, with windows of survival above it shaded.
@@ -106,8 +116,9 @@ def overturning_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, **line
     assert ax is not None
     x, minimum = dataset["frequency_ratio"].values, dataset["minimum"].values
     curve = _draw_with_jumps(ax, x, minimum, _find_jumps(minimum), **line)
-    _mark_ends(ax, x, minimum, _search_end(dataset), curve.get_color())
-    windows = _survival_polygons(x, dataset["boundaries"].values, _search_end(dataset))
+    highest = _searched_up_to(dataset)
+    _mark_ends(ax, x, minimum, highest.min(), curve.get_color())
+    windows = _survival_polygons(x, dataset["boundaries"].values, highest)
     if windows:
         ax.add_collection(PolyCollection(windows, facecolor=curve.get_color(), edgecolor="none", alpha=0.4))
         _add_legend_entry(
@@ -120,14 +131,14 @@ def overturning_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, **line
 
 
 def _survival_polygons(
-    x: np.ndarray, boundaries: np.ndarray, highest: float
+    x: np.ndarray, boundaries: np.ndarray, highest: np.ndarray
 ) -> list[list[tuple[float, float]]]:
     """Return the polygons of the windows of survival.
 
     - `x`: frequencies, shape (n,)
     - `boundaries`: boundaries at each frequency, ascending, shape (n, largest number of boundaries), padded
       with NaN
-    - `highest`: end of a window that has no upper boundary
+    - `highest`: end of a window that has no upper boundary, at each frequency, shape (n,)
 
     At each frequency, the columns survive below the first boundary, and the outcome changes at every
     boundary. Windows of survival therefore extend from the second boundary to the third, from the fourth to
@@ -136,11 +147,11 @@ def _survival_polygons(
     half-way to the next frequency.
     """
     windows: list[list[tuple[float, float]]] = []
-    for row in boundaries:
+    for row, end in zip(boundaries, highest, strict=True):
         starts, ends = row[1::2], row[2::2]
         ends = np.append(ends, np.full(starts.size - ends.size, np.nan))
         windows.append(
-            [(a, highest if np.isnan(b) else b) for a, b in zip(starts, ends, strict=True) if np.isfinite(a)]
+            [(a, end if np.isnan(b) else b) for a, b in zip(starts, ends, strict=True) if np.isfinite(a)]
         )
     polygons = []
     for k in range(x.size - 1):
@@ -189,7 +200,7 @@ def _mark_ends(ax: Axes, x: np.ndarray, minimum: np.ndarray, highest: float, col
       `highest` overturns
     """
     is_finite = np.isfinite(minimum)
-    ends = is_finite & (np.r_[True, is_finite[:-1]] != np.r_[is_finite[1:], True])
+    ends = is_finite & ~(np.r_[True, is_finite[:-1]] & np.r_[is_finite[1:], True])
     if ends.any():
         mark = {"marker": "^", "ms": 5, "mfc": "none", "ls": "none"}
         ax.plot(x[ends], minimum[ends], color=colour, **mark)

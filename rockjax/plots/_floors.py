@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ._outcomes import survives
 from ._style import COLOURS, label_log_x, plt, styled
 
 if TYPE_CHECKING:
@@ -102,9 +103,7 @@ def _draw(ax: Axes, data: xarray.Dataset, name: str, prefix: str, level: Any, un
     if "motion" in values.dims:
         is_lower_bound = np.zeros(values.sizes["motion"], bool)
         if not prefix:
-            from rockjax._results import did_not_finish  # imports JAX, which other plots do not need
-
-            is_lower_bound = data["overturned"].values | did_not_finish(data["result"].values)
+            is_lower_bound = ~survives(data).values
             ax.plot(
                 data["period"],
                 values.values[~is_lower_bound].T / unit,

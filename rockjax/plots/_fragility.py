@@ -12,6 +12,7 @@ from matplotlib.patches import Patch
 
 from rockjax._units import displayed, displayed_or_empty
 
+from ._outcomes import is_unfinished, survives
 from ._style import COLOURS, on_axes, plt, styled
 
 if TYPE_CHECKING:
@@ -38,13 +39,13 @@ def incremental_dynamic_analysis(dataset: xarray.Dataset, ax: Axes | None = None
     that the columns survive.
 
     The right edge is the limit state. There, crosses mark the least overturning intensities, and dashes mark
-    the boundaries of the survival windows above these intensities. `dataset` is from
-    [`rockjax.incremental_dynamic_analysis`][].
+    the boundaries of the survival windows above these intensities. Scenes that did not finish are left out,
+    and the legend gives their number. `dataset` is from [`rockjax.incremental_dynamic_analysis`][].
     """
     assert ax is not None
     ratio = dataset.attrs["overturn_ratio"]
     levels = dataset["intensity"].values
-    rotation = dataset["peak_rotation"].where(~dataset["overturned"]).values
+    rotation = dataset["peak_rotation"].where(survives(dataset)).values
     boundaries = dataset["boundaries"].values
     for row in rotation:
         ax.plot(np.r_[0, row], np.r_[0, levels], "-", marker=".", ms=3, lw=0.7, color="0.55")
@@ -76,6 +77,10 @@ def incremental_dynamic_analysis(dataset: xarray.Dataset, ax: Axes | None = None
     if further_boundaries.size:
         windows_label = "boundaries of survival windows"
         marks.append(Line2D([], [], color=COLOURS[2], marker="_", ls="", label=windows_label))
+    unfinished = is_unfinished(dataset)
+    if bool(unfinished.any()):
+        label = f"left out: {int(unfinished.sum())} of {unfinished.size} scenes, which did not finish"
+        marks.append(Line2D([], [], ls="", label=label))
     ax.legend(handles=marks, **LEGEND_ABOVE)
     ax.set(
         xlabel=r"peak rotation $\max|\theta|\,/\,\alpha$",

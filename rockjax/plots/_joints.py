@@ -19,6 +19,7 @@ from rockjax._responses.datasets import podium_of
 from rockjax._responses.response import Response, with_joints
 
 from ._histories import TIME, as_history, time_limits
+from ._outcomes import hatch_unfinished, survives
 from ._spectra import draw_panels, plane_of
 from ._style import ACCELERATION_RATIO, COLOURS, FREQUENCY_RATIO, OVERTURNED_COLOUR, on_axes, styled
 
@@ -181,7 +182,7 @@ def lift_off_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, levels=LE
 
     At the black line the least axial force is 0. Beyond this line the beam would lift off a column, or
     a column would lift off the ground, and the model does not hold. Cells of pulses that overturn the columns
-    are grey.
+    are grey, and cells of scenes that did not finish are hatched.
 
     - `dataset`: rocking spectrum of one podium with the output `"axial_force"`
     - `ax`: axes to draw into
@@ -196,11 +197,12 @@ def lift_off_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, levels=LE
             "rockjax.rocking_spectrum(…, options=Options(outputs=('peak_rotation', 'axial_force')))"
         )
     loads = dataset["dead_load"].where(dataset["dead_load"] > 0)
-    ratios = (dataset["least_axial_force"] / loads).min("joint").where(~dataset["overturned"])
+    ratios = (dataset["least_axial_force"] / loads).min("joint").where(survives(dataset))
     values = ratios.transpose("acceleration_ratio", "frequency_ratio").values
     x, y = plane_of("lift_off_spectrum", dataset)
     ax.set_facecolor(OVERTURNED_COLOUR)
     ax.contourf(x, y, values, levels=levels, cmap="RdBu", norm=CenteredNorm(halfrange=1.0), extend="both")
+    hatch_unfinished(dataset, ax)
     if np.nanmin(values) < 0 < np.nanmax(values):
         ax.contour(x, y, values, levels=[0.0], colors="k", linewidths=1.0)
     ax.set(xlabel=FREQUENCY_RATIO, ylabel=ACCELERATION_RATIO, xlim=(x[0], x[-1]), ylim=(y[0], y[-1]))

@@ -11,6 +11,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm
 from matplotlib.figure import Figure
 
+from ._outcomes import hatch_unfinished, survives
 from ._panel_layout import grid_of_panels
 from ._spectra import label_panel
 from ._style import ACCELERATION_RATIO, FREQUENCY_RATIO, OVERTURNED_COLOUR, on_axes, styled, symbol_for
@@ -37,14 +38,15 @@ def sensitivity_spectrum(
     - `parameter`: name of y, by default the first of the spectrum
     - `levels`: limits of the colours
 
-    Overturned cells are grey. Raises `ValueError` for a spectrum without the parameter.
+    Overturned cells are grey, and cells of scenes that did not finish are hatched. Raises `ValueError` for a spectrum without the parameter.
     """
     assert ax is not None
     slope, norm = _slope(dataset, parameter), BoundaryNorm(np.asarray(levels), 256, extend="both")
     x, y = dataset["frequency_ratio"].values, dataset["acceleration_ratio"].values
-    values = slope.where(~dataset["overturned"]).transpose("acceleration_ratio", "frequency_ratio")
+    values = slope.where(survives(dataset)).transpose("acceleration_ratio", "frequency_ratio")
     ax.set_facecolor(OVERTURNED_COLOUR)
     ax.pcolormesh(x, y, values.values, norm=norm, cmap=COLOUR_MAP, shading="nearest", rasterized=True)
+    hatch_unfinished(dataset, ax)
     ax.set(xlabel=FREQUENCY_RATIO, ylabel=ACCELERATION_RATIO, xlim=(x[0], x[-1]), ylim=(y[0], y[-1]))
     return ax
 

@@ -18,6 +18,7 @@ from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
 
 from ._panel_layout import grid_of_panels, mass_label, period_label
+from ._outcomes import hatch_unfinished, is_unfinished, survives
 from ._style import ACCELERATION_RATIO, FREQUENCY_RATIO, on_axes, styled
 
 if TYPE_CHECKING:
@@ -26,19 +27,23 @@ if TYPE_CHECKING:
 
 @on_axes
 def rocking_spectrum(dataset: xarray.Dataset, ax: Axes | None = None, levels=None) -> Axes:
-    """Plot contours of peak rotation against ω_p/p and a_p/(g tan α). Overturned cells are blank.
+    """Plot contours of peak rotation against ω_p/p and a_p/(g tan α). Overturned cells are blank. Cells of
+    scenes that did not finish are hatched.
 
     - `dataset`: dataset of [`rockjax.rocking_spectrum`][]
     - `ax`: axes to draw into
-    - `levels`: limits of the colours of max|θ|/α, by default 0, 0.1, …, 1
+    - `levels`: limits of the colours of max|θ|/α, by default 11 from 0 to 1, or to the `overturn_ratio` of
+      the dataset if it is larger
 
     Raises `ValueError` for a spectrum with a single frequency or acceleration.
     """
     assert ax is not None
-    levels = np.arange(0, 1.01, 0.1) if levels is None else levels
-    rotation = dataset["peak_rotation"].where(~dataset["overturned"])
+    highest = max(1.0, dataset.attrs.get("overturn_ratio", 1.0))
+    levels = np.linspace(0.0, highest, 11) if levels is None else levels
+    rotation = dataset["peak_rotation"].where(survives(dataset))
     x, y = plane_of("rocking_spectrum", dataset)
-    ax.contourf(x, y, rotation.values, levels=levels, cmap="viridis_r", vmin=0, vmax=1)
+    ax.contourf(x, y, rotation.values, levels=levels, cmap="viridis_r", vmin=0, vmax=highest)
+    hatch_unfinished(dataset, ax)
     ax.set(xlabel=FREQUENCY_RATIO, ylabel=ACCELERATION_RATIO, xlim=(x[0], x[-1]), ylim=(y[0], y[-1]))
     return ax
 
@@ -160,5 +165,10 @@ def label_panel(
     ax.set_title(prefix + ", ".join(dict.fromkeys(labels)), fontsize=10, y=None if i == 0 else 1.0)
     ax.set_xlabel(FREQUENCY_RATIO if i == rows - 1 else "")
     ax.set_ylabel(ACCELERATION_RATIO if j == 0 else "")
-    if bool(panel["overturned"].any()):
-        ax.text(0.04, 0.93, "overturned", transform=ax.transAxes, va="top", fontsize=8, color="0.4")
+    style: dict[str, Any] = {"transform": ax.transAxes, "va": "top", "fontsize": 8, "color": "0.4"}
+    notes = ["overturned"] if bool(panel["overturned"].any()) else []
+    if bool(is_unfinished(panel).any()):
+        notes.append("hatched: did not finish")
+        style["bbox"] = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5}
+    if notes:
+        ax.text(0.04, 0.93, "\n".join(notes), **style)

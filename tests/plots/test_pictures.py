@@ -88,6 +88,16 @@ def test_jumps_ends_and_windows_are_drawn_and_named():
     assert ax.get_legend_handles_labels()[1].count("windows of survival") == 1
 
 
+def test_a_lone_point_of_a_curve_is_marked():
+    boundaries = np.full((6, 1), NAN)
+    boundaries[2] = 9.8
+    data = spectrum().drop_dims("boundary")
+    data["boundaries"] = ("frequency_ratio", "boundary"), boundaries
+    data["minimum"] = "frequency_ratio", boundaries[:, 0]
+    marks = [line for line in plots.overturning_spectrum(data).lines if line.get_marker() == "^"]
+    np.testing.assert_array_equal(marks[0].get_xydata(), [[3.0, 9.8]])
+
+
 def test_a_curve_without_marks_has_no_entries_for_them():
     single = ("frequency_ratio", "boundary"), np.linspace(1.0, 1.5, 6)[:, None]
     complete = (
@@ -130,6 +140,18 @@ def test_contours_of_a_single_point_are_refused(draw):
     )
     with pytest.raises(ValueError, match="at least two frequencies and two accelerations, got 1 and 1"):
         draw(point)
+
+
+def test_the_colours_of_a_spectrum_include_rotations_above_alpha():
+    dims = "acceleration_ratio", "frequency_ratio"
+    data = xarray.Dataset(
+        {"peak_rotation": (dims, np.full((2, 2), 1.4)), "overturned": (dims, np.zeros((2, 2), bool))},
+        coords={"acceleration_ratio": [3.0, 4.0], "frequency_ratio": [2.0, 3.0]},
+        attrs={"overturn_ratio": 1.5},
+    )
+    (contours,) = plots.rocking_spectrum(data).collections
+    assert contours.levels[-1] == contours.norm.vmax == 1.5
+    assert any(path.vertices.size for path in contours.get_paths())
 
 
 def test_sensitivities_that_are_zero_need_no_warning(recwarn):
