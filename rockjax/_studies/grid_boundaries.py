@@ -1,7 +1,8 @@
 """Overturning boundaries of a rocking spectrum, by bisection between grid points with different outcomes.
 
-The outcome of a grid point is survival or overturning. Grid points whose scenes did not finish have no outcome
-and are left out. The bisection runs the programs that are compiled for the grid. It misses boundaries between two neighbouring grid points with the same outcome; the search of
+The outcome of a grid point is survival or overturning. Grid points whose scenes did not finish have no
+outcome and are left out. The bisection runs the programs that are compiled for the grid. It misses boundaries
+between two neighbouring grid points with the same outcome; the search of
 [`rockjax.overturning_spectrum`][] is not bound to a grid.
 """
 
@@ -46,8 +47,8 @@ def with_boundaries(
     - `podiums`, `pulse`, `options`: arguments with which `spectra` were computed
     - `progress`: `True` for progress bars, or any object with a method `update(number_of_scenes)`
 
-    If the lowest acceleration whose scene finished already overturns the columns, it is the first boundary. Ctrl-C
-    raises [`rockjax.Interrupted`][]; its `partial` is the list of the unchanged spectra.
+    If the lowest acceleration whose scene finished already overturns the columns, it is the first boundary.
+    Ctrl-C raises [`rockjax.Interrupted`][]; its `partial` is the list of the unchanged spectra.
     """
     with_boundary: dict[int, xarray.Dataset] = {}
     for members in group_by_structure(podiums).values():

@@ -31,9 +31,10 @@ def peaks(dataset: xarray.Dataset, outputs: Sequence[str] | None = None) -> Figu
     - `outputs`: names of outputs such as `"peak_rotation"`; by default all peaks of the dataset
 
     Each panel shows the worst story or joint. For motions that overturn the columns, an open mark shows the
-    peak until overturning. A cross at the left edge marks a motion whose scene did not finish. The dashed line is the median over the motions that the columns survive, if this
-    median is finite. An arrow at the right edge marks a value that is not finite. For example, the friction
-    demand is infinite if a joint opens.
+    peak until overturning. A cross at the left edge marks a motion whose scene did not finish. The dashed
+    line is the median over the motions that the columns survive, if this median is finite. An arrow at the
+    right edge marks a value that is not finite. For example, the friction demand is infinite if a joint
+    opens.
 
     Raises `ValueError` for outputs that the dataset does not have.
     """

@@ -38,7 +38,8 @@ def sensitivity_spectrum(
     - `parameter`: name of y, by default the first of the spectrum
     - `levels`: limits of the colours
 
-    Overturned cells are grey, and cells of scenes that did not finish are hatched. Raises `ValueError` for a spectrum without the parameter.
+    Overturned cells are grey, and cells of scenes that did not finish are hatched. Raises `ValueError` for a
+    spectrum without the parameter.
     """
     assert ax is not None
     slope, norm = _slope(dataset, parameter), BoundaryNorm(np.asarray(levels), 256, extend="both")

@@ -17,8 +17,8 @@ from matplotlib.colorbar import Colorbar
 from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
 
-from ._panel_layout import grid_of_panels, mass_label, period_label
 from ._outcomes import hatch_unfinished, is_unfinished, survives
+from ._panel_layout import grid_of_panels, mass_label, period_label
 from ._style import ACCELERATION_RATIO, FREQUENCY_RATIO, on_axes, styled
 
 if TYPE_CHECKING:
