@@ -10,6 +10,7 @@ import xarray
 
 import rockjax as rj
 from rockjax._cli import main
+from rockjax._motions.provenance import describe_motions
 from tests.scenes import G
 
 BLOCK = rj.Podium(0.15, 1.5)
@@ -45,6 +46,21 @@ def test_motions_have_names_sources_and_seeds(tmp_path):
     assert found["record_source"] == str(tmp_path / "a.AT2")
     assert found["record_sha256"] == digest(read.acceleration)
     assert "record_name" not in attributes(rj.Ricker(2.0, 1.0))
+
+
+def test_attributes_that_only_some_motions_have():
+    plain, paired = (
+        rj.Motion(SAMPLES, 0.05, "a"),
+        rj.Motion(SAMPLES, 0.05, "b", vertical=rj.Motion(SAMPLES, 0.05, "v")),
+    )
+    found = describe_motions(
+        rj.Motions((plain, paired.scaled(2.0), *rj.synthetic_motions(1, seed=7, duration=4.0)))
+    )
+    assert found["record_name"] == ["a", "b", "synthetic-0001"]
+    assert found["record_scale"] == [1.0, 2.0, 1.0]
+    assert found["vertical_record_name"] == ["", "v", ""]
+    assert found["vertical_record_scale"] == [1.0, 2.0, 1.0]
+    assert found["record_seed"] == ["", "", 7]
 
 
 def test_an_analysis_of_a_suite_tells_its_records_apart():

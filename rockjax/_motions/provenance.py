@@ -67,13 +67,19 @@ def describe_motions(excitations: Any) -> dict[str, Any]:
         return describe_record(record) | dict(describe_origin(excitations))
     if isinstance(excitations, Motions):
         rows = [describe_motions(motion) for motion in excitations]
-        return {name: [row.get(name, "") for row in rows] for name in rows[0]} if rows else {}
+        names = dict.fromkeys(name for row in rows for name in row)
+        return {name: [row.get(name, _missing(name)) for row in rows] for name in names}
     if isinstance(excitations, Records | RecordPairs):
         coords = record_coords(excitations)
         names = {"dt": "record_dt_s", "PGA": "record_pga_m_s2", "sha256": "record_sha256"}
         return {name: np.asarray(coords[key][1]).tolist() for key, name in names.items()}
     is_single = isinstance(excitations, Record) and np.ndim(excitations.acceleration) == 1
     return describe_record(excitations) if is_single and not np.ndim(excitations.scale) else {}
+
+
+def _missing(name: str) -> str | float:
+    """Return the value of an attribute for motions without it: 1 for a scale factor, otherwise ""."""
+    return 1.0 if name.endswith("record_scale") else ""
 
 
 def _named_motions(argument: Any) -> list[Motion]:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from rockjax._checks import as_strings, require_instance
+from rockjax._checks import as_strings, format_value, require_instance
 from rockjax._motions.convert import as_batch
 from rockjax._options import Options
 from rockjax._parameters.registry import variable_attributes
@@ -68,17 +68,39 @@ class SweepSpec(NamedTuple):
             "sensitivities": list(self.sensitivities),
             "user_outputs": [_source_digest(type(y)) for y in self.options.outputs if not isinstance(y, str)],
         }
+        if user_classes := self._user_classes():
+            entries["user_classes"] = user_classes
         return entries | {"fingerprint": fingerprint(entries)}
 
+    def _user_classes(self) -> list[str]:
+        """Return the name and the source digest of each class of a user in the structures and excitations."""
+        structure = jax.tree.structure(self.scene_arrays.skeleton[:2])
+        classes = dict.fromkeys(y for y in _node_classes(structure) if not _is_own(y))
+        return [f"{y.__qualname__} {_source_digest(y)}" for y in classes]
 
-def _source_digest(output_class: type) -> str:
-    """Return a digest of the source code of a user's output class and its base classes.
+
+def _node_classes(structure: Any) -> Iterator[type]:
+    """Yield the classes of the nodes of a pytree, from its root."""
+    node = structure.node_data()
+    if node is not None:
+        yield node[0]
+    for child in structure.children():
+        yield from _node_classes(child)
+
+
+def _is_own(y: type) -> bool:
+    """Return whether a class is from rockjax or built in, and not from a user."""
+    return y.__module__.startswith(("rockjax.", "builtins"))
+
+
+def _source_digest(user_class: type) -> str:
+    """Return a digest of the source code of a user's class and its base classes.
 
     A changed digest shows that the code has changed. Return "" if none of these classes has a source file.
     """
     sources = []
-    for base in output_class.__mro__:
-        if not base.__module__.startswith(("rockjax.", "builtins")):
+    for base in user_class.__mro__:
+        if not _is_own(base):
             with contextlib.suppress(OSError, TypeError):
                 sources.append(inspect.getsource(base))
     return fingerprint({"source": sources}) if sources else ""
@@ -130,11 +152,26 @@ def _axes(coords, shape: tuple[int, ...]) -> tuple[tuple[str, ...], dict[str, np
         )
     if len(set(dims)) < len(dims):
         raise ValueError(f"sweep: coords names an axis twice: {list(dims)}")
-    labels = {name: np.asarray(y) for name, y in coords.items()} if isinstance(coords, Mapping) else {}
+    labels = {name: _as_labels(name, y) for name, y in coords.items()} if isinstance(coords, Mapping) else {}
     for (name, y), n in zip(labels.items(), shape, strict=False):
         if y.shape != (n,):
             raise ValueError(f"sweep: coords[{name!r}] must have {n} labels, got shape {y.shape}")
     return dims, labels
+
+
+def _as_labels(name: str, values) -> np.ndarray:
+    """Return the labels of an axis as an array. Strings in an array of objects, such as those of pandas,
+    become an array of strings, because the bytes of objects are addresses."""
+    labels = np.asarray(values)
+    if labels.dtype.kind not in "OT":
+        return labels
+    for label in labels.flat:
+        if not isinstance(label, str):
+            raise ValueError(
+                f"sweep: coords[{name!r}] must be numbers, datetime64 or strings, got {format_value(label)} among "
+                "them; convert the labels to strings"
+            )
+    return labels.astype(str)
 
 
 def check_axis_names(dims: tuple[str, ...], variables: Mapping[str, Variable]) -> None:

@@ -63,7 +63,7 @@ def sweep(
 
     The same call resumes an interrupted sweep. Chunks in the store are verified by their checksums and
     reused; missing or damaged chunks are solved. Ctrl-C raises [`rockjax.Interrupted`][], whose `partial` is
-    the dataset with the results so far.
+    the dataset with the results so far, or None while a sample of the scenes is solved.
 
     - `structures`, `excitations`, `initial`, `t_end`: as for [`rockjax.peak_responses`][]
     - `coords`: names of the axes in order, or a dict of axis name → labels. The default name is `scene` for a
@@ -105,7 +105,14 @@ def sweep(
     if open_store is None or dry_run:
         if not dry_run:
             require_creatable(store)
-        pilot = runner.pilot(spec)
+        try:
+            pilot = runner.pilot(spec)
+        except KeyboardInterrupt:
+            raise Interrupted(
+                "stopped while a sample of the scenes was solved; no results were stored; repeat the call to "
+                "start again",
+                None,
+            ) from None
         check_axis_names(spec.dims, pilot.variables)
         chunk_size = chunk or pilot.chunk_size(spec.scenes, runner.cores, runner.cores_of_chunk)
         layout = (

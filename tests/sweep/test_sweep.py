@@ -23,6 +23,7 @@ import xarray
 import rockjax as rj
 from rockjax._sweep import chunks as _chunks
 from rockjax._sweep.layout import ChunkLayout
+from rockjax._sweep.spec import make_spec
 from rockjax._sweep.store import Store
 from tests.scenes import PODIUMS
 
@@ -324,6 +325,10 @@ def test_a_store_of_something_else_is_refused(tmp_path, monkeypatch):
             {"grid": (*GRID[:2], ("a", "parameter", "c")), "sensitivities": ["alpha"]},
             "must not name an axis 'parameter'",
         ),
+        (
+            {"grid": (*GRID[:2], {"a": np.array([None, 1, 2, 3]), "b": np.arange(20), "c": np.arange(15)})},
+            r"coords\['a'\] must be numbers, datetime64 or strings, got None among them",
+        ),
         ({"t_end": np.nan}, "sweep: t_end must be finite and after the start"),
         ({"grid": (*GRID[:2], {"a": [1], "b": np.arange(20), "c": np.arange(15)})}, "must have 4 labels"),
         ({"grid": (GRID.structures, rj.Ricker(np.ones((3, 1, 1)), 1.0), None)}, "do not broadcast"),
@@ -514,6 +519,17 @@ def test_ctrl_c_keeps_complete_chunks_and_the_same_call_continues(
     done = [k for k, row in enumerate(Store.open(tmp_path / "a.zarr").rows()) if np.isfinite(row[0])]
     assert sorted(done) == sorted(seen[:2])
     assert_equal(sweep(tmp_path / "a.zarr"), batch)
+
+
+def test_ctrl_c_during_the_sample_has_no_result(tmp_path, monkeypatch):
+    def stopped(self, spec):
+        raise rj.Interrupted("stopped with 3 of 256 scenes solved", "peaks of the sample")
+
+    monkeypatch.setattr("rockjax._sweep.sweep.LocalRunner.pilot", stopped)
+    with pytest.raises(rj.Interrupted, match="while a sample of the scenes was solved; no results") as found:
+        sweep(tmp_path / "a.zarr")
+    assert found.value.partial is None
+    assert not list(tmp_path.iterdir())
 
 
 @contextlib.contextmanager
@@ -785,7 +801,19 @@ def test_a_path_that_cannot_be_is_refused_before_anything_is_solved(tmp_path, mo
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
-# ------------------------------------------------------------------------------------- user-defined outputs
+def test_labels_of_pandas_are_the_same_in_another_process():
+    names = "".join(["first", " axis"]), "second axis"  # the first string is a new object
+    specs = [
+        make_spec(*SMALL_GRID[:2], {"tan_alpha": np.array(labels, dtype)}, rj.State(), None, OPTIONS, None)
+        for labels, dtype in ((names, object), (["first axis", "second axis"], object), (names, str))
+    ]
+    fingerprints = {
+        spec.identity(ChunkLayout.from_chunk_size(spec.shape, 1))["fingerprint"] for spec in specs
+    }
+    assert len(fingerprints) == 1
+
+
+# ----------------------------------------------------------------------------------------- classes of users
 BEAM_SPEED = """
 import jax.numpy as jnp
 import rockjax as rj
@@ -800,29 +828,51 @@ class PeakBeamSpeed(rj.AbstractOutput):
 """
 
 
-def beam_speed(path, source):
-    """Return the output of a file with this source."""
+def users_class(path, source, name="PeakBeamSpeed"):
+    """Return the class of a file with this source."""
     path.write_text(source)
     spec = importlib.util.spec_from_file_location("users_output", path)
     module = importlib.util.module_from_spec(spec)
     sys.modules["users_output"] = module
     linecache.clearcache()
     spec.loader.exec_module(module)
-    return module.PeakBeamSpeed()
+    return getattr(module, name)
 
 
 def test_sweeps_have_outputs_of_users(tmp_path, monkeypatch):
     """Answers equal those of a batch, with units; a later run continues; changed code makes another sweep."""
     monkeypatch.setitem(sys.modules, "users_output", None)
-    outputs, store = ("peak_rotation", beam_speed(tmp_path / "a.py", BEAM_SPEED)), tmp_path / "own"
+    outputs, store = ("peak_rotation", users_class(tmp_path / "a.py", BEAM_SPEED)()), tmp_path / "own"
     data = sweep(store, SMALL_GRID, outputs=outputs, chunk=1)
     batch = rj.peak_responses(*SMALL_GRID[:2], options=rj.Options(outputs=outputs))
     np.testing.assert_array_equal(data["peak_beam_speed"], batch.peak_beam_speed)
     assert data["peak_beam_speed"].attrs["units"] == "m s-1"
-    outputs = ("peak_rotation", beam_speed(tmp_path / "b.py", BEAM_SPEED))
+    outputs = ("peak_rotation", users_class(tmp_path / "b.py", BEAM_SPEED)())
     np.testing.assert_array_equal(
         sweep(store, SMALL_GRID, outputs=outputs, chunk=1).peak_beam_speed, data.peak_beam_speed
     )
-    changed = "peak_rotation", beam_speed(tmp_path / "c.py", BEAM_SPEED.replace("two_R", "g"))
+    changed = "peak_rotation", users_class(tmp_path / "c.py", BEAM_SPEED.replace("two_R", "g"))()
     with pytest.raises(ValueError, match="another sweep"):
         sweep(store, SMALL_GRID, outputs=changed, chunk=1)
+
+
+def test_changed_code_of_pulses_and_devices_of_users_is_another_sweep(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "users_output", None)
+
+    def identity(pulse=rj.Ricker, device=rj.Tendon):
+        podium = SMALL_GRID.structures.replace(restrainers=(device(0.1, 1.0),))
+        spec = make_spec(podium, pulse(2.0, 1.0), None, rj.State(), None, OPTIONS, None)
+        return spec.identity(ChunkLayout.from_chunk_size(spec.shape, 1))
+
+    assert "user_classes" not in identity()
+    for base in ("Ricker", "Tendon"):
+        source = f"import rockjax as rj\n\n\nclass Own(rj.{base}):\n    factor = 1.0\n"
+        sources = source, source, source.replace("1.0", "2.0")
+        argument = "pulse" if base == "Ricker" else "device"
+        first, same, changed = (
+            identity(**{argument: users_class(tmp_path / f"{base}_{k}.py", y, "Own")})
+            for k, y in enumerate(sources)
+        )
+        assert first["user_classes"][0].startswith("Own ")
+        assert first == same
+        assert first["fingerprint"] != changed["fingerprint"]
