@@ -168,8 +168,8 @@ def _as_labels(name: str, values) -> np.ndarray:
     for label in labels.flat:
         if not isinstance(label, str):
             raise ValueError(
-                f"sweep: coords[{name!r}] must be numbers, datetime64 or strings, got {format_value(label)} among "
-                "them; convert the labels to strings"
+                f"sweep: coords[{name!r}] must be numbers, datetime64 or strings, got {format_value(label)} "
+                "among them; convert the labels to strings"
             )
     return labels.astype(str)
 
