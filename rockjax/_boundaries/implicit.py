@@ -28,9 +28,18 @@ from rockjax._programs.program import StoredProgram
 from rockjax._results import REST
 from rockjax._structures import Podium
 
+from .crossings import BRACKET_RTOL_SHARE
 from .margin import boundary_residual, has_margin, margin_options
 
-JUST_PAST = 1e-10  # relative distance past the boundary at which the margin is differentiated
+JUST_PAST = 1e-10  # least relative distance past the boundary at which the residual is differentiated
+
+
+def _just_past(scale, options: Options):
+    """Return the scale at which the residual of a boundary `scale` is differentiated. It lies on the
+    overturning side, because its distance from the boundary is at least the width of the bracket of which the
+    boundary is the middle."""
+    numpy = array_module(scale, options.rtol)
+    return numpy.multiply(scale, 1 + numpy.maximum(JUST_PAST, BRACKET_RTOL_SHARE * options.rtol))
 
 
 def _residual(podium: Podium, motion: AbstractExcitation, options: Options, uses_margin: bool):
@@ -66,8 +75,8 @@ def boundary_change(leaves, varied_tangents, scale, structure, varied: tuple[boo
     numpy = array_module(leaves, scale)
     is_found = numpy.isfinite(scale)
     varied_indices = [k for k, is_varied in enumerate(varied) if is_varied]
-    limit = jax.tree.unflatten(structure, leaves)[2]
-    past = numpy.where(is_found, numpy.multiply(scale, 1 + JUST_PAST), limit)
+    _, _, limit, (options, _) = jax.tree.unflatten(structure, leaves)
+    past = numpy.where(is_found, _just_past(scale, options), limit)
 
     def residual(scale, *values):
         new_leaves = list(leaves)
@@ -146,7 +155,7 @@ def _log_slopes(
         # `logs` are the logarithms of a factor on a and of a factor on each parameter.
         def residual(logs):
             factors = dict(zip(names, jnp.exp(logs[1:]), strict=True))
-            past = a * (1 + JUST_PAST) * jnp.exp(logs[0])
+            past = _just_past(a, options) * jnp.exp(logs[0])
             if pulse is None:
                 motion = records.pick(row["which"]).scaled(past)
             else:

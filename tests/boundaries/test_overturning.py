@@ -300,6 +300,22 @@ def test_the_jump_to_another_branch_is_flagged():
     assert float(boundary(hi + 1e-7).dip) < 1e-4 < float(boundary(hi + 0.1).dip)
 
 
+@pytest.mark.parametrize("alpha", [0.2, 0.205, 0.21])
+def test_boundaries_without_a_margin_have_derivatives_at_loose_tolerances(alpha):
+    """With `overturn_ratio` > 1, the time of overturning replaces the margin. It is NaN on the surviving side
+    of the boundary."""
+    options = rj.Options(rtol=1e-10, atol=1e-12, overturn_ratio=1.2)
+
+    def slope(options):
+        scale = lambda alpha: rj.overturning_scale(
+            PODIUMS["frame"].replace(alpha=alpha), rj.Ricker(1.0, 1.0), max_scale=20.0, options=options
+        )
+        return float(jax.grad(scale)(alpha))
+
+    loose = options.replace(rtol=1e-6, atol=1e-8)
+    assert slope(loose) == pytest.approx(slope(options), rel=1e-4) != 0.0
+
+
 @pytest.mark.slow
 def test_scale_of_a_record():
     podium, record = PODIUMS["rigid"], shaking()
