@@ -17,7 +17,7 @@ from scipy.special import ndtr
 from rockjax._checks import as_float, require, require_number
 from rockjax._lognormal import Lognormal, fit_capacities, fit_counts
 from rockjax._programs.program import StoredProgram
-from rockjax._results import outcomes
+from rockjax._results import explain_failures, outcomes
 
 from .intervals import Capacities, jackknife_intervals, profile_intervals
 
@@ -39,7 +39,8 @@ def fragility(
 
     - `analysis`: result of [`rockjax.incremental_dynamic_analysis`][]
     - `method`: `"capacities"` fits the capacities of the records, their least overturning intensities. If a
-      record does not overturn, its capacity is only known to be above the highest level (censored).
+      record does not overturn, its capacity is only known to be above the highest level (censored) or, if
+      some of its scenes did not finish, above the last level before the first of these scenes.
       `"stripes"` fits the counts of overturned records at each level. A record that survives a level above
       its capacity counts as a survival there, and a scene that did not finish does not count. The default is
       `"capacities"`; with `limit` it is `"stripes"`, the only method that is then valid
@@ -87,6 +88,8 @@ def fragility(
         method = "stripes"
         analysis = _with_limit(analysis, limit)
     data = _Outcomes.from_analysis(analysis)
+    if method == "capacities":
+        _check_bounds(analysis, data)
     fit = _fit(method, data, analysis.attrs.get("limit_state"))
     x = checked_intensities("fragility", at, data.levels)
     curve = _dataset(analysis, fit, x, method)
@@ -125,8 +128,8 @@ class _Outcomes(NamedTuple):
 
     - `capacity`: least overturning intensity of each record, shape (n,); inf if above the highest level. With
       a limit state, the lowest level at which the record fails
-    - `censor_limit`: the highest level, repeated for each record, shape (n,). It is a lower bound of the
-      capacities that are inf
+    - `censor_limit`: lower bounds of the capacities that are inf, shape (n,): the highest level up to which
+      all scenes of the record finished; 0 if the scene at the lowest level did not finish
     - `levels`: levels of intensity, shape (m,)
     - `overturned`: 1 where a record overturns or fails, 0 where it does neither, and NaN where the scene did
       not finish, shape (n, m)
@@ -141,7 +144,9 @@ class _Outcomes(NamedTuple):
     def from_analysis(cls, analysis: xarray.Dataset) -> _Outcomes:
         capacity, levels = analysis["capacity"].values, analysis["intensity"].values
         capacity = np.where(np.isnan(capacity), np.inf, capacity)
-        return cls(capacity, np.full(capacity.size, levels[-1]), levels, outcomes(analysis).values)
+        overturned = outcomes(analysis).values
+        finished = np.logical_and.accumulate(np.isfinite(overturned), axis=1).sum(axis=1)
+        return cls(capacity, np.append(0.0, levels)[finished], levels, overturned)
 
     @property
     def events(self) -> np.ndarray:
@@ -192,6 +197,18 @@ def _check(analysis: xarray.Dataset, method: str | None, confidence: float | Non
             f"{_describe_type(analysis)}"
         )
     check_confidence(owner, confidence)
+
+
+def _check_bounds(analysis: xarray.Dataset, data: _Outcomes) -> None:
+    """Raise `ValueError` if neither the capacity of a record nor a lower bound of it is known."""
+    is_unknown = np.isinf(data.capacity) & (data.censor_limit == 0)
+    if is_unknown.any():
+        names = ", ".join(map(str, analysis["record"].values[is_unknown]))
+        raise ValueError(
+            f"fragility: the capacity of record {names} is unknown, because the scene at the lowest "
+            f"intensity {data.levels[0]:g} did not finish; lower this intensity, or leave the record out. "
+            f"{explain_failures(analysis['result'].values[is_unknown, 0])}"
+        )
 
 
 def check_confidence(owner: str, confidence: float | None) -> None:
@@ -296,7 +313,7 @@ def _intervals_of_capacities(
     """
     median, dispersion = float(fit.median), float(fit.dispersion)
     intervals = profile_intervals(
-        Capacities.from_values(data.capacity, data.levels[-1]), median, dispersion, x, confidence
+        Capacities.from_values(data.capacity, data.censor_limit), median, dispersion, x, confidence
     )
     return np.exp(np.stack([intervals.log_median, intervals.log_dispersion])), intervals.probit
 

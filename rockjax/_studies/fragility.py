@@ -87,7 +87,7 @@ def levels_of(
     - `podium`, `suite`, `measure`: structure, ground motions and intensity measure
     - `ends`: lowest and highest level. If None, the highest level is 6 g tan α times the median ratio of
       `measure` to PGA in the suite, and the lowest level is the highest divided by `count`
-    - `count`: number of levels
+    - `count`: number of levels; a single level is the highest one
     """
     if ends is None:
         pga_of_suite = np.array([motion.pga for motion in suite])
@@ -97,7 +97,7 @@ def levels_of(
             * float(np.median(np.asarray(measure.values) / pga_of_suite))
         )
         ends = highest / count, highest
-    return np.linspace(*ends, count)
+    return np.linspace(*ends, count) if count > 1 else np.array(ends[1:])
 
 
 def record_labels(owner: str, records: Records | RecordPairs, names: Sequence[str] | None) -> list:
@@ -310,10 +310,11 @@ def overturning_distribution(
 
     The function works under `jit`, `vmap` and `grad` with respect to the parameters of `podium`. A lognormal
     distribution is fitted to the least overturning factors of the records. If no factor up to `max_scale`
-    overturns the podium, the record is censored: its least factor is only known to be above `max_scale`. The
-    result is NaN if fewer than two records overturn the podium, or if the least factors (with `measure`, the
-    least intensities) of these records are equal. Outside jit, [`rockjax.incremental_dynamic_analysis`][]
-    finds the same least factors on all cores.
+    overturns the podium, the record is censored: its least factor is only known to be above `max_scale` minus
+    the `certain_width` of [`rockjax.Boundary`][], which is large if scenes did not finish. The result is NaN
+    if fewer than two records overturn the podium, if the least factors (with `measure`, the least
+    intensities) of these records are equal, or if no scene of a record finishes. Outside jit,
+    [`rockjax.incremental_dynamic_analysis`][] finds the same least factors on all cores.
 
     - `podium`: podium with scalar parameters
     - `records`: `Motions`, `Records`, or a list of motions or records
@@ -332,11 +333,11 @@ def overturning_distribution(
     unscaled = jnp.ones(len(records)) if measure is None else as_float(measure, f"{owner}: measure")
     checked_measure(owner, Measure("values", unscaled, "1"), records)
 
-    def least_scale(record_index):
+    def find_boundary(record_index):
         motion = records.pick(record_index)
         return overturning_boundary(
             podium, motion, max_scale=max_scale, options=options, width=width, resolution=resolution
-        ).scale
+        )
 
-    scales = jax.vmap(least_scale)(jnp.arange(len(records), dtype=jnp.int32))
-    return fit_capacities(scales * unscaled, max_scale * unscaled)
+    boundary = jax.vmap(find_boundary)(jnp.arange(len(records), dtype=jnp.int32))
+    return fit_capacities(boundary.scale * unscaled, (max_scale - boundary.certain_width) * unscaled)

@@ -4,7 +4,7 @@ If the data are capacities (the least overturning intensities of records), the i
 profile likelihood. The profile of a quantity, such as the median, assigns to each value of the quantity the
 largest likelihood of all distributions with this value. Let μ and σ be the mean and the standard deviation of
 ln(capacity). As a function of θ = 1/σ and δ = μ/σ the log-likelihood is concave (Olsen 1978), so every
-profile has only one maximum. A record is censored if its capacity is only known to exceed the highest level.
+profile has only one maximum. A record is censored if its capacity is only known to exceed a level.
 Without censored records, the profile of the median is a function of Student's t statistic, and the profile of
 the dispersion is a function of the χ² statistic. Bounds at the quantiles of t and χ² are therefore exact.
 With censored records the same quantiles give approximate bounds.
@@ -43,46 +43,56 @@ class Capacities(NamedTuple):
 
     - `observed`: number of known capacities
     - `mean`, `variance`: mean and variance of the logarithms of the known capacities
-    - `censored`: number of censored capacities, which are only known to exceed the limit
-    - `log_limit`: logarithm of the limit, the highest level of intensity
+    - `censored`: number of censored capacities that are only known to exceed each of g limits; the first axis
+      has the length g
+    - `log_limits`: logarithms of these limits, shape (g,)
     """
 
     observed: np.ndarray
     mean: np.ndarray
     variance: np.ndarray
     censored: np.ndarray
-    log_limit: np.ndarray
+    log_limits: np.ndarray
 
     @classmethod
     def from_values(cls, capacity: np.ndarray, limit) -> Capacities:
-        """Return the statistics of capacities, shape (…, n); capacities above `limit` are inf."""
+        """Return the statistics of capacities, shape (…, n). Capacities that are only known to exceed `limit`
+        are inf; `limit` is a number or has the shape (n,)."""
         finite = np.isfinite(capacity)
         log = np.log(np.where(finite, capacity, 1.0))
         observed = finite.sum(axis=-1)
         mean = log.sum(axis=-1) / observed
         variance = np.sum(np.where(finite, (log - mean[..., None]) ** 2, 0.0), axis=-1) / observed
-        return cls(observed, mean, variance, capacity.shape[-1] - observed, np.log(limit))
+        limits = np.unique(np.broadcast_to(limit, capacity.shape)[~finite])
+        censored = np.array([(~finite & (limit == y)).sum(axis=-1) for y in limits])
+        return cls(observed, mean, variance, censored, np.log(limits))
 
     @property
     def total(self):
         """Number of known and censored capacities."""
-        return self.observed + self.censored
+        return self.observed + self.censored.sum(axis=0)
+
+    def _sum_over_censored(self, term: Callable):
+        """Return the sum of `term`, a function of the logarithm of a limit, over censored capacities."""
+        return sum(count * term(limit) for count, limit in zip(self.censored, self.log_limits, strict=True))
 
     def log_likelihood(self, theta, delta):
         """Return the log-likelihood at θ = 1/σ and δ = μ/σ."""
         z2 = (theta * self.mean - delta) ** 2 + theta**2 * self.variance
-        return self.observed * (np.log(theta) - 0.5 * z2) + self.censored * log_ndtr(
-            delta - theta * self.log_limit
+        return self.observed * (np.log(theta) - 0.5 * z2) + self._sum_over_censored(
+            lambda log_limit: log_ndtr(delta - theta * log_limit)
         )
 
     def profile_at_probit(self, x, probit):
         """Return the largest log-likelihood of all distributions with P(capacity ≤ exp(x)) = Φ(probit)."""
-        offset, limit = self.mean - x, x - self.log_limit
+        offset = self.mean - x
 
         def derivative(log_theta):
             theta = np.exp(log_theta)
             slope = self.observed * (1 / theta - (theta * offset + probit) * offset - theta * self.variance)
-            return slope + self.censored * _inverse_mills_ratio(theta * limit - probit) * limit
+            return slope + self._sum_over_censored(
+                lambda log_limit: _inverse_mills_ratio(theta * (x - log_limit) - probit) * (x - log_limit)
+            )
 
         theta = np.exp(_find_decreasing_zero(derivative, -0.5 * np.log(self.variance) + 0 * (x + probit)))
         return self.log_likelihood(theta, theta * x - probit)
@@ -92,8 +102,8 @@ class Capacities(NamedTuple):
         theta = np.exp(-log_dispersion)
 
         def derivative(delta):
-            return self.observed * (theta * self.mean - delta) + self.censored * _inverse_mills_ratio(
-                delta - theta * self.log_limit
+            return self.observed * (theta * self.mean - delta) + self._sum_over_censored(
+                lambda log_limit: _inverse_mills_ratio(delta - theta * log_limit)
             )
 
         return self.log_likelihood(theta, _find_decreasing_zero(derivative, theta * self.mean))

@@ -10,6 +10,7 @@ import xarray
 
 import rockjax as rj
 from rockjax import _lognormal
+from rockjax._studies import fragility
 from rockjax._studies.curve import MIN_RECORDS
 from rockjax._studies.fragility import DEFAULT_OPTIONS
 from rockjax._studies.intervals import Capacities, profile_intervals
@@ -406,6 +407,57 @@ def test_records_that_never_overturn_are_censored(analysis):
     assert curve["interval"].attrs["overturning_records"] == reference.sum()
     with pytest.raises(ValueError, match="raise the highest intensity"):
         rj.fragility(rj.incremental_dynamic_analysis(BLOCK, table, levels[:1] / 2, resolution=64))
+
+
+def test_records_with_unfinished_scenes_are_censored_below_them():
+    """Capacities above 0.9 are unknown, and then also those above 0.3 of four records."""
+    levels, capacity = np.array([0.3, 0.6, 0.9, 1.2]), np.geomspace(0.2, 3.0, 12)
+    low = stripe_analysis(np.where(capacity < 0.9, capacity, 9.0), levels[:3])
+    high = stripe_analysis(np.where(capacity < 0.9, capacity, 9.0), levels)
+    high["result"] = ("record", "intensity"), np.where((levels > 0.9) & (capacity > 0.9)[:, None], 9, 0)
+    at = [0.5, 1.0]
+    xarray.testing.assert_allclose(
+        rj.fragility(high, at=at).drop_dims("intensity"), rj.fragility(low, at=at).drop_dims("intensity")
+    )
+    high["result"][-4:, 1] = 9  # an unfinished scene below a finished one
+    log = np.log(capacity[capacity < 0.9])
+    limits = np.log(np.where(np.arange(12) < 8, 0.9, 0.3)[capacity > 0.9])
+
+    def loss(y):
+        normal = scipy.stats.norm(y[0], np.exp(y[1]))
+        return -normal.logpdf(log).sum() - normal.logsf(limits).sum()
+
+    best = scipy.optimize.minimize(loss, [0.0, 0.0], method="Nelder-Mead", options={"xatol": 1e-9}).x
+    curve = rj.fragility(high)
+    np.testing.assert_allclose([curve["median_capacity"], curve["dispersion"]], np.exp(best), rtol=1e-6)
+    # On the bounds of the median, the profile likelihood is below its maximum by the quantile of Student's t.
+    fall = 6 * np.log1p(scipy.stats.t(11).ppf(0.95) ** 2 / 11)
+    for bound in np.log(curve["interval"].sel(quantity="median_capacity").values):
+        profile = scipy.optimize.minimize_scalar(lambda y, bound=bound: loss([bound, y])).fun
+        assert profile - loss(best) == pytest.approx(fall, rel=1e-6)
+    high["result"][-1, 0] = 9
+    with pytest.raises(
+        ValueError, match=r"capacity of record 12 is unknown, .* 0.3 did not finish.*weightless"
+    ):
+        rj.fragility(high.assign_coords(record=np.arange(1, 13)))
+
+
+def test_a_distribution_censors_records_below_scenes_that_did_not_finish(monkeypatch):
+    def boundary(podium, motion, **_):
+        found = rj.Boundary(jnp.inf, False, 0, 1.0, False, jnp.where(motion.which < 1, 4.0, 0.001))
+        return jax.tree.map(jnp.asarray, found)
+
+    monkeypatch.setattr(fragility, "overturning_boundary", boundary)
+    monkeypatch.setattr(fragility, "fit_capacities", lambda capacity, limit: limit)
+    limits = rj.overturning_distribution(BLOCK, TABLE, max_scale=10.0, measure=np.array([1.0, 2.0, 3.0]))
+    np.testing.assert_allclose(limits, [6.0, 19.998, 29.997])
+
+
+@pytest.mark.parametrize(("count", "levels"), [(1, [12.0]), (2, [0.5, 12.0])])
+def test_a_single_level_is_the_highest(count, levels):
+    motions = rj.synthetic_motions(1, seed=3, duration=2.0, dt=0.02)
+    measure = fragility.measure_of("PGA", None, motions)
+    np.testing.assert_allclose(fragility.levels_of(BLOCK, motions, measure, (0.5, 12.0), count), levels)
 
 
 # -------------------------------------------------------------------------------------------------- intervals
