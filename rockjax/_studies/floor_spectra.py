@@ -5,6 +5,7 @@ A scene is one podium under one ground motion. The equations (L…) are in docs/
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -110,7 +111,7 @@ def floor_spectrum(
     - `weights`: weights of the modes that define a floor, (L2), shape (modes,) [–]; they replace `level`.
       None for the floors of `level`
     - `direction`: `"horizontal"` or `"vertical"`
-    - `initial`, `options`: initial state and options of the scenes
+    - `initial`, `options`: initial state and options of the scenes. The fixed base starts with θ = θ̇ = 0
     - `t_end`: latest end of the scenes [s]; by default as for [`rockjax.simulate`][], but at least 5 times
       the longest T_e after the end of the ground motion
     - `fixed_base`: also compute the spectra of the ground, `ground_pseudo_acceleration` …, and of the same
@@ -172,26 +173,27 @@ def floor_spectrum(
     request = _Request(weights_by_level, stories, T, zeta, direction, tuple(sensitivities))
     labels = None if not is_suite else list(range(1, len(members) + 1)) if names is None else names
 
-    cases = [(podium, options, request)]
+    cases = [(podium, initial, options, request)]
     if fixed_base:
         fixed_podium = podium.replace(alpha=NEVER_LIFTS, restrainers=(), elevation=None)
         # The deck of the fixed podium moves with the ground, so its spectra are those of the ground.
         weights_with_deck = {DECK: 0 * next(iter(weights_by_level.values()))} | weights_by_level
         fixed_request = request._replace(weights=weights_with_deck, stories={}, names=())
-        cases.append((fixed_podium, options.replace(overturn_ratio=1.0), fixed_request))
+        fixed_initial = dataclasses.replace(initial, theta=0.0, theta_dot=0.0)
+        cases.append((fixed_podium, fixed_initial, options.replace(overturn_ratio=1.0), fixed_request))
     spectra: list[list[_Spectrum]] = [[] for _ in cases]
     with bar(len(members), "motions", progress) as counter:
         for member in members:
-            for case_spectra, (structure, settings, requested) in zip(spectra, cases, strict=True):
+            for case_spectra, (structure, state, settings, requested) in zip(spectra, cases, strict=True):
                 scene_end = end
                 if scene_end is None:
                     scene_end = float(_default_end(structure.split_rows(), member.common_form(), T.max()))
-                response = simulate(structure, member, initial=initial, t_end=scene_end, options=settings)
+                response = simulate(structure, member, initial=state, t_end=scene_end, options=settings)
                 case_spectra.append(_spectrum(response, start, scene_end, requested))
             counter.update(1)
     data = _dataset(request, labels, spectra[0])
     if fixed_base:
-        fixed = _dataset(cases[1][2], labels, spectra[1])
+        fixed = _dataset(cases[1][3], labels, spectra[1])
         for name in SPECTRA:
             data[f"ground_{name}"] = fixed[name].sel(level=DECK, drop=True)
             data[f"fixed_base_{name}"] = fixed[name].sel(level=list(weights_by_level))

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
+from rockjax import _results as results
 from rockjax._batch.batch import peak_responses
 from rockjax._boundaries.boundary import check_limit, check_search
 from rockjax._boundaries.crossings import precompile_scan, scan
@@ -62,9 +63,13 @@ def record_spectrum(
     Returns a Dataset over `record` and `p`:
 
     - `demand`: PGA of the record divided by the least PGA that overturns the structure [–]. This is 1 divided
-      by the least overturning factor on the record; NaN if no factor up to `max_scale` overturns the
-      structure
+      by the least overturning factor on the record; NaN if no factor up to `max_scale` is found that
+      overturns the structure
+    - `certain_width`: largest width of an interval of overturning factors below the least one (or below
+      `max_scale`) that the search may have missed [–]. It is large if scenes of the search did not finish
     - `peak_rotation`, `overturned`: max|θ|/α, and whether the structure overturns, under the unscaled record
+    - `result`: result of the scene under the unscaled record. If the scene did not finish, `peak_rotation`
+      and `top_displacement` are NaN
     - `top_displacement`: max|u_b| = 2R (sin α − sin(α − max|θ|)), Eq. (13) of docs/model.md, the largest
       displacement of the column tops relative to the ground under the unscaled record [m]; NaN where the
       structure overturns. Far from overturning, this displacement is almost independent of the size
@@ -101,7 +106,8 @@ def record_spectrum(
     )
     least_scale = search.crossings.table(cells.size)[0][:, 0]
     shape = (count, sizes.size)
-    rotation = np.asarray(peaks.peak_rotation).reshape(shape)
+    code = np.asarray(results.code_of(peaks.result), np.int8).reshape(shape)
+    rotation = np.where(results.did_not_finish(code), np.nan, np.asarray(peaks.peak_rotation).reshape(shape))
     overturned = np.asarray(peaks.overturned).reshape(shape)
     alpha = float(podium.alpha)
     displacement = np.where(overturned, np.nan, 2 * R * (np.sin(alpha) - np.sin(alpha * (1 - rotation))))
@@ -115,8 +121,14 @@ def record_spectrum(
                 (1 / least_scale).reshape(shape),
                 ratio_attrs | {"long_name": "PGA divided by least overturning PGA"},
             ),
+            "certain_width": (
+                dims,
+                search.certain_width.reshape(shape),
+                ratio_attrs | {"long_name": "largest width of an undetected interval that overturns"},
+            ),
             "peak_rotation": (dims, rotation, ratio_attrs | {"long_name": "max|θ|/α"}),
             "overturned": (dims, overturned, {"long_name": "overturned"}),
+            "result": (dims, code, ratio_attrs | {"long_name": "result of the scene", **results.FLAGS}),
             "top_displacement": (dims, displacement, {"units": "m", "long_name": "max|u_b|"}),
         },
         coords={
@@ -130,7 +142,6 @@ def record_spectrum(
             "kind": "record-spectrum",
             "max_scale": scale_range[1],
             "scenes": cells.size + search.scenes,
-            "certain_width": float(np.max(search.certain_width)),
             **{k: y for k, y in describe_podium(podium).items() if k not in SIZE_ATTRIBUTES},
             **describe_options(options),
         },

@@ -23,7 +23,7 @@ def record_spectrum(dataset: xarray.Dataset) -> Figure:
 
     `dataset` is from [`rockjax.record_spectrum`][]. With more than six records, the curves are grey and
     medians are added. In the medians, a demand of NaN counts as 0, and the displacement of a structure that
-    overturns counts as infinite.
+    overturns counts as infinite; the median displacement is missing where a scene did not finish.
     """
     p, names = dataset["p"].values, dataset["record"].values
     figure = plt.figure(figsize=(5.6, 5.6), layout="constrained")
@@ -38,7 +38,7 @@ def record_spectrum(dataset: xarray.Dataset) -> Figure:
         lower.plot(p, dataset["top_displacement"][k], **style)
     if not is_coloured:
         # The demand is NaN if the least overturning PGA is above the searched range. The displacement is NaN
-        # if the structure overturns.
+        # if the structure overturns or the scene did not finish.
         median = np.median(np.nan_to_num(dataset["demand"].values, nan=0.0), axis=0)
         upper.plot(p, np.where(median > 0, median, np.nan), color=COLOURS[0], label="median")
         median_survives = np.sum(~dataset["overturned"].values, axis=0) > len(names) / 2

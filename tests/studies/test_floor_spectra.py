@@ -389,6 +389,15 @@ def test_spectra_of_the_ground_and_of_a_fixed_base_are_beside_them():
         plots.floor_spectrum(found, "velocity")
 
 
+def test_a_fixed_base_does_not_rotate_at_the_start():
+    start = rj.State(theta=0.03, theta_dot=0.1)
+    calls = [{"initial": initial, "fixed_base": True, "t_end": 4.0} for initial in (rj.State(), start)]
+    still, rotated = (spectrum(FRAME, rj.Ricker(3.2, 1.0), [0.3, 1.0], **call) for call in calls)
+    for name in ("ground_pseudo_acceleration", "fixed_base_absolute_acceleration"):
+        np.testing.assert_array_equal(rotated[name], still[name])
+    assert not np.allclose(rotated["pseudo_acceleration"], still["pseudo_acceleration"], rtol=0.01)
+
+
 def test_pictures_of_suites_leave_out_motions_that_overturn(suite):
     (ax,) = plots.floor_spectrum(suite, "relative_displacement").axes
     labels = [str(line.get_label()) for line in ax.lines]

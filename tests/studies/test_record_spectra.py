@@ -1,14 +1,18 @@
 """Record spectra against the size of the structure."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
 import rockjax as rj
+from rockjax import _results as results
 from rockjax import plots
+from rockjax._boundaries.crossings import Crossings, Scan
 from rockjax._motions.provenance import describe_motions
+from rockjax._studies import record_spectra
 
 BLOCK = rj.Podium(alpha=0.2, R=1.0)
 RECORDS = rj.synthetic_motions(2, seed=3, duration=4.0, dt=0.04, pga=3.0)
@@ -92,6 +96,22 @@ def test_vertical_motions_are_not_left_out():
         assert float(found["peak_rotation"][k, 0]) == pytest.approx(float(peak.peak_rotation), rel=1e-6)
         alone = rj.peak_response(podium, pair.horizontal)
         assert float(peak.peak_rotation) != pytest.approx(float(alone.peak_rotation), rel=1e-3)
+
+
+def test_scenes_that_did_not_finish_have_no_peaks(monkeypatch):
+    codes, rotation = np.array([0, 9, 2, 3]), np.array([0.5, 0.0, 1.0, 0.3])
+    peaks = SimpleNamespace(result=results.result_of(codes), peak_rotation=rotation, overturned=codes == 2)
+    crossings = Crossings(np.array([2]), np.array([0.5]), np.array([True]), np.array([0]))
+    search = Scan(crossings, codes < 9, np.ones(4), np.array([0.001, 9.0, 0.001, 8.0]), 100)
+    monkeypatch.setattr(record_spectra, "peak_responses", lambda *_, **__: peaks)
+    monkeypatch.setattr(record_spectra, "scan", lambda *_, **__: search)
+    monkeypatch.setattr(record_spectra, "precompile_scan", lambda *_: None)
+    found = rj.record_spectrum(BLOCK, RECORDS, SIZES[:2])
+    np.testing.assert_array_equal(found["result"], codes.reshape(2, 2))
+    np.testing.assert_array_equal(found["peak_rotation"], [[0.5, np.nan], [1.0, np.nan]])
+    np.testing.assert_array_equal(np.isnan(found["top_displacement"]), [[False, True], [True, True]])
+    np.testing.assert_array_equal(found["certain_width"], [[0.001, 9.0], [0.001, 8.0]])
+    assert "weightless" in found["result"].attrs["flag_meanings"]
 
 
 def test_it_is_drawn(spectrum):
