@@ -29,6 +29,11 @@ if TYPE_CHECKING:
     from rockjax._motions.motion import Motions
 
 FILE_KEYS = ("units", "dt", "component", "pattern", "paired")  # keys of options for files of records
+# Key of an option ↦ source of motions that uses it.
+SOURCES = dict.fromkeys(FILE_KEYS, "files on the command line") | {
+    "seed": "--synthetic",
+    "motions": "a set of the problem file",
+}
 
 
 @command(
@@ -248,23 +253,24 @@ def _suite(request: Request, synthetic: int | None, paths: list[Path]) -> Motion
 
     if paths and synthetic is not None:
         raise ValueError("--synthetic and files of records are alternatives; give one")
-    if synthetic is not None:
-        return synthetic_motions(synthetic, seed=request.settings.seed)
-    file_options = request.option_values(FILE_KEYS)
-    if paths:
-        paired = file_options.pop("paired", False)
-        motions = read_records(request.reader, paths, file_options)
-        return motions.paired() if paired else motions
     sets = request.problem.motions
-    if not sets:
+    if not (sets or paths or synthetic):
         raise ValueError(
             "rockjax fragility needs records: files, folders or tables, --synthetic N, or a problem file "
             "with [motions]"
         )
-    for name in file_options:
-        raise ValueError(
-            f"--{name} applies only to files on the command line; set {name} in the problem file instead"
-        )
+    source = "--synthetic" if synthetic else "files on the command line" if paths else SOURCES["motions"]
+    for name in request.option_values(SOURCES):
+        if SOURCES[name] != source:
+            in_file = f", or set {name} in the table of the set" if source == SOURCES["motions"] else ""
+            raise ValueError(f"--{name} applies only to {SOURCES[name]}; leave it out{in_file}")
+    if synthetic is not None:
+        return synthetic_motions(synthetic, seed=request.settings.seed)
+    if paths:
+        file_options = request.option_values(FILE_KEYS)
+        paired = file_options.pop("paired", False)
+        motions = read_records(request.reader, paths, file_options)
+        return motions.paired() if paired else motions
     return request.reader.records(sets, request.motion_set_name(request.settings.motions, "motions"))
 
 

@@ -266,8 +266,12 @@ class Request:
         if has_structure and not changed:
             return Panels([podium], ratios, [period], zeta)
         periods = settings.T_s if not has_structure or "T_s" in explicit_keys else [period]
+        modes = getattr(self.problem.structure, "modes", None)  # of a building by dimensions
         with self.reader.errors_at("structure"):
-            tops = [superstructure_of(eta, T or None, zeta, stories) for eta in etas for T in periods]
+            tops = [superstructure_of(eta, T or None, zeta, stories, modes) for eta in etas for T in periods]
+        # The new superstructures do not have the masses that the file states.
+        replaced = ("top_mass_kg", "story_masses_kg")
+        MASSES.set({name: y for name, y in MASSES.get().items() if name not in replaced})
         return Panels([podium.replace(superstructure=top) for top in tops], ratios, periods, zeta)
 
     def motion_set_name(self, name: str | None, key: str = "motion") -> str:

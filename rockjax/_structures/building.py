@@ -254,14 +254,19 @@ class ShearBuilding(AbstractSuperstructure):
         )
 
 
-def superstructure_of(eta: Any, T_s: Any = None, zeta: Any = 0.05, stories: int | None = None):
+def superstructure_of(
+    eta: Any, T_s: Any = None, zeta: Any = 0.05, stories: int | None = None, modes: int | None = None
+):
     """Return a rigid or elastic superstructure, or a building of equal stories.
 
     - `eta`: mass ratio m_t/(N m_c) [–]
     - `T_s`: longest fixed-base period [s]; None for a rigid superstructure
     - `zeta`: damping ratio [–]; not used if rigid
     - `stories`: number of stories of a building; None for a single oscillator; not used if rigid
+    - `modes`: number of modes of a building; None for all; not used without `stories`
     """
     if T_s is None:
         return Rigid(eta)
-    return Elastic(eta, T_s, zeta) if stories is None else ShearBuilding.uniform(stories, eta, T_s, zeta)
+    if stories is None:
+        return Elastic(eta, T_s, zeta)
+    return ShearBuilding.uniform(stories, eta, T_s, zeta, modes)

@@ -20,6 +20,7 @@ from typer.testing import CliRunner
 import optimise
 import rockjax as rj
 from rockjax._cli import app, main
+from rockjax._cli._context import MASSES
 from rockjax._cli._response import residual_share
 from rockjax._problem import models
 from tests.scenes import Stops
@@ -196,6 +197,22 @@ def test_panels_of_a_building_in_a_file():
             panels(option, 0.1, table=own)
 
 
+def test_panels_keep_the_number_of_modes():
+    tall = {"structure": BUILDING | {"stories": 10, "modes": 3, "top_mass": 60e3, "period": 0.4}}
+    (podium,) = panels("--T-s", 0.5, table=tall).podiums
+    assert podium.superstructure.retained == 3
+    assert float(podium.superstructure.modes.T[0]) == pytest.approx(0.5)
+
+
+def test_files_of_panels_state_no_mass_that_an_option_replaced():
+    table = {"structure": BUILDING | {"top_mass": 300e3, "period": 0.4}}
+    masses = {"columns": 2, "column_mass_kg": 2.7e3, "beam_mass_kg": 30e3}
+    panels(table=table)
+    assert MASSES.get() == masses | {"top_mass_kg": 300e3}
+    panels("--eta-over-gamma", 5, table=table)
+    assert MASSES.get() == masses
+
+
 def test_options_and_file_determine_the_panels():
     every = panels()
     assert (every.ratios, every.periods, len(every.podiums)) == ([1, 5, 10], [0, 0.1, 0.5, 1], 12)
@@ -287,6 +304,21 @@ WRONG = [  # one case for each message
     ("fragility --synthetic 3 --measure Sa", "--measure Sa needs --measure-period"),
     ("fragility --synthetic 3 --measure-period 1", "--measure-period applies only to Sa"),
     ("fragility --synthetic 3 record.txt", "--synthetic and files of records are alternatives; give one"),
+    *[
+        (f"fragility --synthetic 3 {flags}", f"{words(flags)[0]} applies only to files on the command line;")
+        for flags in ("--units g", "--dt 0.1", "--component 1", "--pattern *.AT2", "--paired")
+    ],
+    ("fragility good.toml --synthetic 3 --motions b", "--motions applies only to a set of the problem file"),
+    ("fragility good.toml record.txt --motions b", "--motions applies only to a set of the problem file"),
+    ("fragility record.txt --seed 1", "--seed applies only to --synthetic; leave it out\n"),
+    (
+        "fragility good.toml --motions b --seed 1",
+        "--seed applies only to --synthetic; leave it out, or set seed in the table of the set",
+    ),
+    (
+        "fragility good.toml --motions b --dt 1",
+        "--dt applies only to files on the command line; leave it out, or set dt in the table of the set",
+    ),
     ("plot none.nc", "none.nc: there is no such file"),
     ("quake", "No such command 'quake'"),
 ]
