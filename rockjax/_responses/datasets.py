@@ -1,4 +1,4 @@
-"""Attributes of result files: parameters, tolerances and versions.
+"""Attributes of result files: parameters, options and versions.
 
 `podium_of` recreates the podium from the attributes.
 """
@@ -182,12 +182,17 @@ def _motion_attribute(name: str) -> str:
 
 
 def describe_options(options: Options) -> dict[str, Any]:
-    """Return method, tolerances, overturn ratio and versions, for the attributes of a file."""
+    """Return the options that affect the answers, and the versions, for the attributes of a file."""
+    rest_velocity = options.rtol if options.rest_velocity is None else options.rest_velocity
     return {
+        "engine": options.engine,
         "method": options.method if isinstance(options.method, str) else type(options.method).__name__,
         "rtol": float(options.rtol),
         "atol": float(options.atol),
         "overturn_ratio": float(options.overturn_ratio),
+        "rest_velocity": float(rest_velocity),
+        "max_steps": options.max_steps,
+        "outputs": " ".join(output.name for output in options.requested),
         **describe_versions(),
         "Conventions": CONVENTIONS,
     }

@@ -285,7 +285,7 @@ class Response(AbstractPeak):
         accelerations, and a scene with an output of the joints also has joint forces. Variables with the dim
         `impact` are the times of the impacts, and the rates of rotation before and after them. Answers of
         [`rockjax.Peak`][] are included and have neither dim. Every variable has `units` and `long_name`; the
-        attributes contain parameters, tolerances and versions. Raises `ValueError` for times that are not
+        attributes contain parameters, options and versions. Raises `ValueError` for times that are not
         1-D.
         """
         if t is None:

@@ -70,7 +70,7 @@ def rocking_spectrum(
 
     The coordinates `T_p` [s] and `a_p` [m/s²] are the same axes with dimensions. With the output
     `"axial_force"`, a further coordinate `dead_load` is the axial force at rest divided by the weight of a
-    column, N/(m_c g), averaged over the columns. The attributes contain parameters, tolerances and versions.
+    column, N/(m_c g), averaged over the columns. The attributes contain parameters, options and versions.
 
     Ctrl-C raises [`rockjax.Interrupted`][]; its `partial` is the incomplete spectrum, or None if no scene was
     solved. Raises `ValueError` for axes that are empty, not 1-D, not finite or out of range, for

@@ -109,6 +109,23 @@ def test_sensitivities_that_make_no_sense_are_refused(spectrum):
         rj.rocking_spectrum(*arguments, sensitivities=["alpha"], resume=spectrum)
 
 
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"rest_velocity": 1e-2}, "rest_velocity = 1e-08, not 0.01"),
+        ({"max_steps": 1000}, "max_steps = 1000000, not 1000"),
+        ({"engine": "segments"}, "engine = 'flat', not 'segments'"),
+        ({"outputs": ("peak_rotation", "impacts")}, "outputs = .*, not 'peak_rotation impacts'"),
+    ],
+)
+def test_a_spectrum_with_other_options_is_not_resumed(spectrum, change, words):
+    with pytest.raises(ValueError, match=f"was computed with {words}"):
+        rj.rocking_spectrum(PODIUMS["rigid"], rj.Ricker, X, Y, options=rj.Options(**change), resume=spectrum)
+    xarray.testing.assert_equal(
+        rj.rocking_spectrum(PODIUMS["rigid"], rj.Ricker, X, Y, resume=spectrum), spectrum
+    )
+
+
 @pytest.mark.slow
 def test_command_line_sensitivities(tmp_path):
     kind = ("--points", "6", "--eta-over-gamma", "10", "--T-s", "0", "--sensitivities", "alpha,a_p")
