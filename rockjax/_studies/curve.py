@@ -164,8 +164,14 @@ def _with_limit(analysis: xarray.Dataset, limit: tuple[str, float]) -> xarray.Da
 
     Raises `ValueError` if the analysis has no peak of this name, or if the value is not a finite number.
     """
-    names = [name for name, y in analysis.data_vars.items() if {"record", "intensity"} <= set(y.dims)]
-    peaks = [str(name) for name in names if str(name).startswith(("peak_", "least_"))]
+    peaks = [
+        str(name)
+        for name, y in analysis.data_vars.items()
+        if {"record", "intensity"} <= set(y.dims)
+        and str(name).startswith(("peak_", "least_"))
+        and not str(name).endswith(("_time", "_error"))  # properties of a peak
+        and y.notnull().any()  # peaks that the structure does not have are NaN
+    ]
     if not (isinstance(limit, tuple) and len(limit) == 2 and limit[0] in peaks):
         raise ValueError(
             f"fragility: limit must be (name, value) with one of the peaks of the analysis {peaks}, got "

@@ -442,6 +442,21 @@ def test_records_with_unfinished_scenes_are_censored_below_them():
         rj.fragility(high.assign_coords(record=np.arange(1, 13)))
 
 
+def test_limits_refer_to_peaks_that_the_structure_has():
+    data = stripe_analysis([0.8, 1.2, 9.0], [0.5, 1.0, 2.0])
+    peaks = {
+        "peak_rotation": 0.5,
+        "peak_rotation_time": 2.0,
+        "peak_rotation_error": 1e-9,
+        "peak_shear": np.nan,
+    }
+    for name, value in peaks.items():
+        data[name] = data["overturned"] * 0.0 + value
+        if name != "peak_rotation":
+            with pytest.raises(ValueError, match=rf"one of the peaks .*\['peak_rotation'\], got \('{name}'"):
+                rj.fragility(data, limit=(name, 1.0))
+
+
 def test_a_distribution_censors_records_below_scenes_that_did_not_finish(monkeypatch):
     def boundary(podium, motion, **_):
         found = rj.Boundary(jnp.inf, False, 0, 1.0, False, jnp.where(motion.which < 1, 4.0, 0.001))
