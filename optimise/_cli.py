@@ -95,9 +95,8 @@ def joint_peaks(problem: Problem, design: Design) -> Any:
     motions = [motion for group in problem.motions.values() for motion in group]
     if design.podium.elevation is None or not motions:
         return None
-    return SimpleNamespace(
-        **Suite.of(motions).peaks(design.podium, problem.options, OUTPUTS, ("overturned", *VARIABLES))
-    )
+    names = ("overturned", "result", *VARIABLES)
+    return SimpleNamespace(**Suite.of(motions).peaks(design.podium, problem.options, OUTPUTS, names))
 
 
 def design_record(design) -> dict[str, Any]:

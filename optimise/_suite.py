@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float
 import rockjax as rj
 from rockjax._checks import as_array
 from rockjax._responses.peak import AbstractPeak
+from rockjax._results import code_of
 from rockjax.internal import AnyMotions, Module, array_module, single_motions
 
 from ._fresh import FreshSamples
@@ -134,12 +135,16 @@ class Suite(Module):
 
         - `podium`: the structure; `options`: options of the simulations
         - `outputs`: the requested outputs, as in `rockjax.Options`; they replace those of `options`
-        - `names`: names of the attributes of `rockjax.Peak` to return
+        - `names`: names of the attributes of `rockjax.Peak` to return; for `result`, its codes are returned
         """
         options = options.replace(outputs=outputs, throw=False)
         peaks = [rj.peak_responses(podium, group, options=options) for group in self.groups]
         order = list(self.order)
-        return {name: np.concatenate([np.asarray(getattr(y, name)) for y in peaks])[order] for name in names}
+
+        def values(peak: rj.Peak, name: str) -> np.ndarray:
+            return np.asarray(code_of(peak.result) if name == "result" else getattr(peak, name))
+
+        return {name: np.concatenate([values(y, name) for y in peaks])[order] for name in names}
 
     def overturning_margins(self, podium: rj.Podium, options: rj.Options) -> np.ndarray:
         """Return the overturning margins (k,) under all motions, on all cores; outside jit and grad."""

@@ -35,7 +35,7 @@ def floors(request: Request, console: Console, output: Output = "rockjax-floors"
     import numpy as np
 
     import rockjax as rj
-    from rockjax._results import explain_failures
+    from rockjax._results import did_not_finish, explain_failures
 
     files = parse_outputs(output, "rockjax-floors").check(SINGLE_PICTURE)
     podium, settings = request.podium(), request.settings
@@ -63,8 +63,17 @@ def floors(request: Request, console: Console, output: Output = "rockjax-floors"
     console.write(files.data(), data)
     console.draw(files.picture(), "floor_spectrum", data)
     g, overturned = float(podium.g), np.atleast_1d(data["overturned"].values)
-    note = f"; {int(overturned.sum())} overturned, and their values cover only the time before overturning"
-    console.say(f"{overturned.size} scenes{note if overturned.any() else ''}; largest values:")
+    counts = {
+        "overturned": overturned,
+        "did not finish": np.atleast_1d(did_not_finish(data["result"].values)),
+    }
+    parts = [f"{int(y.sum())} {name}" for name, y in counts.items() if y.any()]
+    note = (
+        f"; {', '.join(parts)}, and the values of these scenes cover only the time until then"
+        if parts
+        else ""
+    )
+    console.say(f"{overturned.size} scenes{note}; largest values:")
     largest_values = {}
     for level in data["level"].values.tolist():
         at_level = data.sel(level=level)
@@ -87,6 +96,7 @@ def floors(request: Request, console: Console, output: Output = "rockjax-floors"
     console.json_object |= {
         "scenes": overturned.size,
         "overturned": float(overturned.mean()),
+        "without_answer": int(counts["did not finish"].sum()),
         "levels": largest_values,
     }
     if message := explain_failures(data["result"]):

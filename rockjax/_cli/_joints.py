@@ -33,12 +33,14 @@ def joint_warnings(podium: rj.Podium, peaks: Any, friction: float | None) -> Ite
     """Yield a line for each assumption about the joints that does not hold or cannot be checked.
 
     - `podium`: the structure
-    - `peaks`: response, peaks or dataset with `VARIABLES` and `overturned`, of a scene or a batch; None to
-      check only the restitution. In a batch, scenes that overturn are ignored. A single scene is always
-      checked
+    - `peaks`: the response of a scene, or a dataset of a batch, with `VARIABLES`, `overturned` and, in a
+      batch, codes `result`; None to check only the restitution. In a batch, scenes that overturn or do not
+      finish are ignored. A single scene is always checked
     - `friction`: friction coefficient μ of the joints [–]; None to omit the checks of friction
     """
     import numpy as np
+
+    from rockjax._results import did_not_finish
 
     eccentricity = float(podium.impact_eccentricity)
     if eccentricity > 1 + ROUNDING:
@@ -55,7 +57,9 @@ def joint_warnings(podium: rj.Podium, peaks: Any, friction: float | None) -> Ite
     if peaks is None:
         return
     overturned = np.asarray(peaks.overturned)
-    survives = ~overturned if overturned.ndim else np.ones((), bool)
+    survives = np.ones((), bool)
+    if overturned.ndim:
+        survives = ~(overturned | did_not_finish(np.asarray(peaks.result)))
 
     def extreme(name: str, sign: int) -> np.ndarray:
         """Return the larger (`sign` 1) or smaller (`sign` −1) value of the two joints of a column, for each

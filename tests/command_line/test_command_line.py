@@ -23,6 +23,7 @@ from rockjax._cli import app, main
 from rockjax._cli._context import MASSES
 from rockjax._cli._response import residual_share
 from rockjax._problem import models
+from rockjax._results import OUT_OF_STEPS, OVERTURNED
 from tests.scenes import Stops
 
 PROBLEMS = Path(__file__).parents[2] / "rockjax" / "examples"
@@ -381,6 +382,29 @@ def test_floor_spectra_of_unfinished_scenes_end_with_one(run, tmp_path):
     assert code == 1, err
     assert "1 of 1 scenes did not finish. 1 out_of_steps" in err
     assert json.loads(out)["files"] == ["rockjax-floors.nc", "rockjax-floors.png"]
+
+
+def test_the_largest_floor_values_name_scenes_that_cover_less_time(run, monkeypatch):
+    dims = ("motion", "level", "damping", "period")
+    data = xarray.Dataset(
+        {name: (dims, np.ones((3, 1, 1, 2))) for name in ("pseudo_acceleration", "remaining_ratio")}
+        | {name: (dims[:2], np.ones((3, 1))) for name in ("peak_acceleration", "peak_velocity_jump")}
+        | {
+            "overturned": ("motion", [False, True, False]),
+            "result": ("motion", [0, OVERTURNED, OUT_OF_STEPS]),
+        },
+        {"level": ["deck"], "period": [0.1, 1.0]},
+    )
+    monkeypatch.setattr(rj, "floor_spectrum", lambda *_, **__: data)
+    monkeypatch.setattr("rockjax._cli._run.Console.draw", lambda *_, **__: None)
+    code, out, _ = run("floors", "--points", 2)
+    assert code == 1
+    assert out.startswith(
+        "3 scenes; 1 overturned, 1 did not finish, and the values of these scenes cover only the time until "
+        "then; largest values:\n"
+    )
+    message = json.loads(run("floors", "--points", 2, "--json")[1])
+    assert (message["scenes"], message["without_answer"]) == (3, 1)
 
 
 @pytest.mark.parametrize("options", [(), ("--quiet",), ("--json",), ("--json", "--quiet")])

@@ -11,6 +11,7 @@ import pytest
 import rockjax as rj
 from rockjax._cli import main
 from rockjax._cli._joints import joint_warnings
+from rockjax._results import END_OF_TIME, NOT_FINITE, OUT_OF_STEPS, SETTLED
 
 FRAME = rj.Podium(0.15, 1.5, 10.0, rj.Rigid(50.0), elevation=rj.Elevation([-3.0, 3.0], 0.6, 8.4))
 
@@ -21,6 +22,7 @@ def found(
     friction: Any = (0.2, 0.15),
     at_impact: Any = (0.1, 0.1),
     overturned: Any = False,
+    result: Any = 0,
 ):
     """Return peaks of one scene or of several, bottom joint first."""
     return SimpleNamespace(
@@ -29,6 +31,7 @@ def found(
         peak_friction=np.array(friction),
         peak_impact_friction=np.array(at_impact),
         overturned=np.array(overturned),
+        result=np.broadcast_to(result, np.shape(overturned)),
     )
 
 
@@ -54,6 +57,17 @@ def found(
             ),
             0.15,
             [r"opens in 1 of 2 surviving scenes \(least N = -0.3", "0.2 .* 1 of 2", "0.2 .* 1 of 2"],
+        ),
+        (
+            found(
+                *[((1.0, 1.0), (-0.3, 1.0), (np.nan, np.nan), (-0.7, 1.0))] * 2,
+                overturned=(False, False, False, False),
+                friction=((0.1, 0.1),) * 4,
+                at_impact=((0.1, 0.1),) * 4,
+                result=(SETTLED, END_OF_TIME, NOT_FINITE, OUT_OF_STEPS),
+            ),
+            0.15,
+            [r"opens in 1 of 2 surviving scenes \(least N = -0.3 m_c g, least share .* -0.3\)"],
         ),
     ],
 )
@@ -111,6 +125,7 @@ motions = "pulse"
     ("command", "text", "arguments"),
     [
         ("response", PROBLEM + f"[motions]\npulse = {PULSE}\n", ("--motion", "pulse", "--friction", 0.1)),
+        ("peaks", PROBLEM + f"[motions]\npulse = {PULSE}\n", ("--friction", 0.1)),
         ("design", DESIGN, ()),
         (
             "fragility",
