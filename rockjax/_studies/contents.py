@@ -127,6 +127,11 @@ def contents_fragility(
                 [repr(block) for block in block_tuple],
                 {"long_name": "parameters of the block"},
             ),
+            "contents_overturn_ratio": (
+                "contents",
+                [float(block.overturn_ratio) for block in block_tuple],
+                {"units": "1", "long_name": "max|φ|/α_c at which the block counts as overturned"},
+            ),
             "damage_state": (
                 "damage_state",
                 states,

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ._outcomes import survives
+from ._outcomes import is_unfinished, survives
 from ._style import COLOURS, label_log_x, plt, styled
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def floor_spectrum(
     the spectra of the podium.
 
     In spectra of accelerations, a level without velocity jumps has a mark on the left axis at its peak
-    acceleration; with several motions, at the median of the peaks. Raises `ValueError` for another quantity
+    acceleration; with several motions, at the median of the peaks under those not left out. Raises `ValueError` for another quantity
     or damping.
     """
     if quantity not in LABELS:
@@ -61,11 +61,13 @@ def floor_spectrum(
     rows = -(-levels.size // columns)
     figure = plt.figure(figsize=(1.2 + 2.7 * columns, 0.6 + 2.5 * rows), layout="constrained")
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    first, T = axes[0], data["period"].values
+    first.set(xscale="log", yscale="log", xlim=(T[0], T[-1]))
     for ax, level in zip(axes, levels, strict=False):
         for prefix in CURVES:
             _draw(ax, data, f"{prefix}{quantity}", prefix, level, unit)
-        at_level = data.sel(level=level)
-        if in_g and not np.any(at_level["peak_velocity_jump"]):
+        at_level = _drawn_motions(data.sel(level=level))
+        if in_g and at_level["peak_acceleration"].size and not at_level["peak_velocity_jump"].any():
             peak = float(np.median(at_level["peak_acceleration"])) / unit
             ax.plot([0, 0.03], [peak, peak], color=COLOURS[1], lw=2, transform=ax.get_yaxis_transform())
         ax.set_title(f"story {level}" if str(level).isdigit() else str(level))
@@ -73,8 +75,6 @@ def floor_spectrum(
     for k in range(levels.size, axes.size):
         axes[k].set_visible(False)
         axes[k - columns].tick_params(labelbottom=True)
-    first, T = axes[0], data["period"].values
-    first.set(xscale="log", yscale="log", xlim=(T[0], T[-1]))
     label_log_x(first)
     axes[levels.size - 1].legend(loc="best")
     zeta = f"{float(data['damping']):.0%}"
@@ -85,6 +85,11 @@ def floor_spectrum(
         if k % columns == 0:
             axes[k].set_ylabel(f"{vertical}{label}")
     return figure
+
+
+def _drawn_motions(podium: xarray.Dataset) -> xarray.Dataset:
+    """Return the data without the motions whose spectra of the podium are lower bounds."""
+    return podium.isel(motion=survives(podium).values) if "motion" in podium.dims else podium
 
 
 def _draw(ax: Axes, data: xarray.Dataset, name: str, prefix: str, level: Any, unit: float) -> None:
@@ -99,22 +104,17 @@ def _draw(ax: Axes, data: xarray.Dataset, name: str, prefix: str, level: Any, un
     if name not in data or (prefix == "fixed_base_" and level == "deck"):
         return
     label, line = CURVES[prefix]
+    data = data if prefix else _drawn_motions(data)
     values = data[name].sel(level=level) if "level" in data[name].dims else data[name]
     if "motion" in values.dims:
-        is_lower_bound = np.zeros(values.sizes["motion"], bool)
         if not prefix:
-            is_lower_bound = ~survives(data).values
-            ax.plot(
-                data["period"],
-                values.values[~is_lower_bound].T / unit,
-                color=line["color"],
-                ls="-",
-                lw=0.4,
-                alpha=0.5,
-            )
-        if is_lower_bound.all():
+            ax.plot(data["period"], values.values.T / unit, color=line["color"], ls="-", lw=0.4, alpha=0.5)
+        if not values.sizes["motion"]:
+            ax.plot([], [], label=f"{label}: no motion survives", **line)
             return
-        values, label = values[~is_lower_bound].median("motion"), f"{label}, median"
+        values, label = values.median("motion"), f"{label}, median"
+    elif not prefix and bool(is_unfinished(data)):
+        label = f"{label}, did not finish"
     elif not prefix and bool(data["overturned"]):
         label = f"{label}, until overturning"
     ax.plot(data["period"], values.values / unit, label=label, **line)

@@ -166,7 +166,8 @@ def contents_fragility(dataset: xarray.Dataset) -> Figure:
                 ax.fill_between(
                     curve["at"], curve["lower"], curve["upper"], color=colour, alpha=BAND_OPACITY, lw=0
                 )
-            ax.plot(curve["at"], curve["probability"], color=colour, label=_state_label(state))
+            label = _state_label(state, dataset)
+            ax.plot(curve["at"], curve["probability"], color=colour, label=label)
             ax.plot(curve["intensity"], curve["observed"], "o", ms=4, mfc="none", color=colour)
         ax.set_title(str(name))
         ax.grid(alpha=0.3)
@@ -183,10 +184,15 @@ def contents_fragility(dataset: xarray.Dataset) -> Figure:
     return figure
 
 
-def _state_label(state: float) -> str:
+def _state_label(state: float, dataset: xarray.Dataset) -> str:
     """Return the legend entry of a damage state, which is a threshold of max|φ|/α_c, with the rotation φ and
-    the slenderness α_c of the block."""
-    return {0.0: "rocks", 1.0: "overturns"}.get(state, rf"$|\varphi|$ reaches {state:g} $\alpha_c$")
+    the slenderness α_c of the block. A block overturns where max|φ|/α_c reaches its `overturn_ratio`."""
+    if state == 0:
+        return "rocks"
+    if "contents_overturn_ratio" in dataset and np.all(dataset["contents_overturn_ratio"] == state):
+        return "overturns"
+    multiple = "" if state == 1 else f"{state:g} "
+    return rf"$|\varphi|$ reaches {multiple}$\alpha_c$"
 
 
 def _describe_fractions(capacity: np.ndarray, records: int, levels: np.ndarray, observed: np.ndarray) -> str:

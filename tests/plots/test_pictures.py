@@ -276,6 +276,23 @@ def test_a_fragility_names_its_band_and_says_why_stripes_lie_under_it():
     assert "survive again" not in texts(plots.fragility(never).figure)
 
 
+@pytest.mark.parametrize(
+    ("ratios", "labels"),
+    [
+        ([1.0, 1.0], ["rocks", r"$|\varphi|$ reaches 0.5 $\alpha_c$", "overturns"]),
+        ([1.0, 1.5], ["rocks", r"$|\varphi|$ reaches 0.5 $\alpha_c$", r"$|\varphi|$ reaches $\alpha_c$"]),
+        ([0.5, 0.5], ["rocks", "overturns"]),
+    ],
+)
+def test_damage_states_are_called_overturning_where_every_block_overturns(ratios, labels):
+    _, curve = analysis()
+    curve = curve.drop_vars(["capacity", "lower", "upper"])
+    data = curve.expand_dims(contents=["a", "b"], damage_state=[0.0, 0.5, 1.0][: len(labels)])
+    data.coords["contents_overturn_ratio"] = "contents", ratios
+    (legend,) = plots.contents_fragility(data).legends
+    assert [text.get_text() for text in legend.get_texts()] == labels
+
+
 def test_an_incremental_dynamic_analysis_has_nothing_beyond_the_limit_state():
     complete, _ = analysis()
     ax = plots.incremental_dynamic_analysis(complete)

@@ -124,3 +124,40 @@ def test_windows_of_survival_end_at_scenes_that_did_not_finish():
     (windows,) = (y for y in ax.collections if isinstance(y, PolyCollection) and y.get_paths())
     assert max(path.vertices[:, 1].max() for path in windows.get_paths()) == pytest.approx(7.6)
     assert "ends: no overturning beyond,\nup to 7.6" in ax.get_legend_handles_labels()[1]
+
+
+def floor_spectra() -> xarray.Dataset:
+    """Return spectra of five motions, of which the last overturns and the one before is weightless."""
+    result = np.array([END_OF_TIME, END_OF_TIME, END_OF_TIME, WEIGHTLESS, OVERTURNED])
+    peaks, dims = np.array([1.0, 2.0, 3.0, 40.0, 50.0]), ("motion", "level", "damping", "period")
+    return xarray.Dataset(
+        {
+            "pseudo_acceleration": (dims, peaks[:, None, None, None] * np.array([1.0, 2.0, 1.5, 0.5])),
+            "peak_acceleration": (("motion", "level"), peaks[:, None]),
+            "peak_velocity_jump": (("motion", "level"), np.where(result == OVERTURNED, 0.3, 0.0)[:, None]),
+            "overturned": ("motion", result == OVERTURNED),
+            "result": ("motion", result),
+        },
+        coords={"level": ["1"], "damping": [0.05], "period": np.geomspace(0.1, 2.0, 4)},
+        attrs={"g_m_s2": 10.0},
+    )
+
+
+def test_the_mark_of_the_peak_acceleration_leaves_out_the_motions_that_the_curves_leave_out():
+    (ax,) = plots.floor_spectrum(floor_spectra()).axes
+    *curves, median, mark = ax.lines
+    assert len(curves) == 3
+    np.testing.assert_allclose(median.get_ydata(), [0.2, 0.4, 0.3, 0.1])
+    np.testing.assert_allclose(mark.get_ydata(), 0.2)
+    (ax,) = plots.floor_spectrum(floor_spectra()[{"motion": [3, 4]}]).axes
+    (nothing,) = ax.lines
+    assert nothing.get_label() == "podium: no motion survives"
+    ax.figure.canvas.draw()
+
+
+@pytest.mark.parametrize(
+    ("motion", "label"), [(0, "podium"), (3, "podium, did not finish"), (4, "podium, until overturning")]
+)
+def test_floor_spectra_of_one_motion_name_its_outcome(motion, label):
+    (ax,) = plots.floor_spectrum(floor_spectra()[{"motion": motion}]).axes
+    assert ax.lines[0].get_label() == label
