@@ -42,6 +42,17 @@ def test_from_dimensions():
     assert rj.Podium.from_dimensions(0.4, 3.0, 1000.0).superstructure is None
 
 
+def test_heights_of_equal_stories_may_differ():
+    arguments = 0.5, 3.0, 1500.0, 9e3, 4, 60e3, 0.5
+    make = lambda heights: rj.Podium.from_dimensions(*arguments, stories=3, story_heights=heights)
+    uniform, different = make(3.0).superstructure, make([4.0, 3.0, 3.0]).superstructure
+    np.testing.assert_array_equal(uniform.heights, [3.0, 3.0, 3.0])
+    np.testing.assert_array_equal(different.heights, [4.0, 3.0, 3.0])
+    np.testing.assert_array_equal(different.stiffnesses, uniform.stiffnesses)
+    with pytest.raises(ValueError, match="heights"):
+        make([4.0, 3.0])
+
+
 @pytest.mark.parametrize("columns", [2.5, 0, -1, np.nan, True, "2"])
 def test_the_number_of_columns_is_whole(columns):
     with pytest.raises(ValueError, match=r"Podium.from_dimensions: columns must be a whole number >= 1, got"):

@@ -179,8 +179,9 @@ class Podium(Module):
           period `period`
         - `story_masses`, `story_stiffnesses`: masses [kg] and stiffnesses [N/m] of the stories of any
           building, from the bottom; cannot be combined with `stories`, `top_mass` or `period`
-        - `story_heights`, `modes`: heights of the stories [m] and number of modes of a building, as in
-          [`rockjax.ShearBuilding`][]
+        - `story_heights`: heights of the stories [m], as in [`rockjax.ShearBuilding`][]; with `stories`, also
+          one height for all stories
+        - `modes`: number of modes of a building, as in [`rockjax.ShearBuilding`][]
         - `positions`: positions of the columns in the direction of motion [m], for forces in their joints
         - `beam_depth`, `top_height`, `residual_height`: heights [m] as in [`rockjax.Elevation`][]; they need
           `positions`
@@ -664,7 +665,10 @@ def _make_building(
                 f"{owner}: stories needs top_mass > 0 and period, and excludes story_masses and "
                 "story_stiffnesses"
             )
-        return ShearBuilding.uniform(stories, eta, period, damping, modes, height=heights)
+        if np.ndim(heights) == 0:  # None, or one height for all stories
+            return ShearBuilding.uniform(stories, eta, period, damping, modes, height=heights)
+        uniform = ShearBuilding.uniform(stories, eta, period, damping, modes)
+        return ShearBuilding(uniform.masses, uniform.stiffnesses, damping, modes, heights=heights)
     if masses is None or stiffnesses is None:
         raise ValueError(f"{owner}: story_masses and story_stiffnesses must be given together")
     if period is not None or np.any(concrete(eta)):
