@@ -45,8 +45,8 @@ def floor_spectrum(
     the spectra of the podium.
 
     In spectra of accelerations, a level without velocity jumps has a mark on the left axis at its peak
-    acceleration; with several motions, at the median of the peaks under those not left out. Raises `ValueError` for another quantity
-    or damping.
+    acceleration. With several motions, the mark is at the median of the peaks under the motions that are not
+    left out. Raises `ValueError` for another quantity or damping.
     """
     if quantity not in LABELS:
         raise ValueError(f"plots.floor_spectrum: quantity must be one of {tuple(LABELS)}, got {quantity!r}")
