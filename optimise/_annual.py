@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -16,7 +15,6 @@ from rockjax._motions.intensity import measure_by_label
 from rockjax.internal import (
     DEFAULT_WIDTH,
     AnyMotions,
-    fit_capacities,
     require_instance,
     single_motions,
 )
@@ -47,9 +45,10 @@ class AnnualFrequency(AbstractScaleTarget):
 
     A lognormal distribution is fitted to the overturning intensities of all motions, as in
     [`rockjax.fragility`][]. [`rockjax.annual_frequency`][] gives λ_f for this distribution. The margin is
-    ln(at_most/λ_f). If no distribution can be fitted, for example because fewer than two motions overturn the
-    columns, λ_f is replaced by the annual frequency with which `max_intensity` is exceeded, and the
-    derivatives of the margin are zero.
+    ln(at_most/λ_f). If no distribution can be fitted, because the overturning intensities are equal or fewer
+    than two motions overturn the columns, λ_f is replaced by the mean, over the motions, of the annual
+    frequency with which the overturning intensity is exceeded. In this mean, `max_intensity` replaces larger
+    intensities. If simulations did not finish, the margin is NaN.
 
     Raises `ValueError` for arguments out of range; for a hazard that is not in SI units, or whose intensity
     measure is not PGA, PGV or Sa; for a suite of one motion; and for a motion of intensity 0. Raises
@@ -112,28 +111,25 @@ class AnnualFrequency(AbstractScaleTarget):
     def distribution(self, podium: rj.Podium, options: rj.Options = rj.Options()) -> rj.Lognormal:
         """Fit a lognormal distribution to the overturning intensities, in the unit of the hazard.
 
-        The parameters of the distribution are NaN if no distribution can be fitted, for example because fewer
-        than two motions overturn the columns.
+        The parameters of the distribution are NaN if simulations did not finish or no distribution can be
+        fitted, for example because fewer than two motions overturn the columns.
         """
         return self._fit(self.least_scales(podium, options))
 
     def frequency(self, podium: rj.Podium, options: rj.Options = rj.Options()) -> Float[Array, ""]:
         """Return the mean annual frequency of overturning λ_f [1/year].
 
-        If no distribution can be fitted to the overturning intensities, return the annual frequency with
-        which `max_intensity` is exceeded.
+        If no distribution can be fitted, return the mean that the description of the class defines; NaN if
+        simulations did not finish.
         """
         return self._frequency(self.least_scales(podium, options))
-
-    def _fit(self, scales: Float[Array, " k"]) -> rj.Lognormal:
-        return fit_capacities(scales, jnp.full_like(scales, self.max_scale))
 
     def _frequency(self, scales: Float[Array, " k"]) -> Float[Array, ""]:
         fitted = self._fit(scales)
         is_fitted = ~jnp.isnan(fitted.median)
         curve = rj.Lognormal(*(jnp.where(is_fitted, y, 1.0) for y in fitted))
-        exceedance_rate = jax.lax.stop_gradient(self.hazard(self.max_scale))
-        return jnp.where(is_fitted, rj.annual_frequency(curve, self.hazard).frequency, exceedance_rate)
+        mean_rate = jnp.mean(self.hazard(jnp.minimum(scales, self.max_scale)))
+        return jnp.where(is_fitted, rj.annual_frequency(curve, self.hazard).frequency, mean_rate)
 
     def margins_of_scales(self, scales: Float[Array, " k"]) -> Values:
         return jnp.log(self.at_most / self._frequency(scales))[None]

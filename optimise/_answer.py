@@ -68,8 +68,8 @@ class Design(Module):
     - `satisfied`: whether, in the verification, objective and margins are finite and all margins are ≥ 0.
       The verification is a simulation with rtol ≤ 1e-11 and atol ≤ 1e-13 or, for targets on a probability of
       failure and targets with fresh samples, an independent sample
-    - `margins`: name of the target → verified margins [–]; NaN for a probability of failure whose independent
-      sample has not converged
+    - `margins`: name of the target → verified margins [–]; NaN for a probability of failure without an
+      independent sample that has converged
     - `multipliers`: name of the target → shadow price of each margin [unit of the objective]. If the margin
       may be −ε instead of 0, the objective decreases by the price times ε. For most targets, this means that
       the limit is relaxed by the small fraction ε. The price is 0 if the limit does not bind. All prices are
@@ -216,11 +216,12 @@ def _html(design: Design) -> str:
 class SampleEstimates(NamedTuple):
     """Estimates from independent samples at a design.
 
-    - `probabilities`: index of the target → estimate of its probability of failure
+    - `probabilities`: index of each target on a probability of failure → estimate of this probability, None
+      without a sample at this design
     - `errors`: index of the target → standard errors of its margins (k,) [–]
     """
 
-    probabilities: Mapping[int, rj.FailureProbability]
+    probabilities: Mapping[int, rj.FailureProbability | None]
     errors: Mapping[int, np.ndarray] = {}
 
 
@@ -264,12 +265,17 @@ def build_design(
     spans = [slice(first, end) for first, end in itertools.pairwise(offsets)]
     estimates = estimate_samples(best_end.x)
     margins = evaluation.c.copy()
-    unverified = [k for k, estimate in estimates.probabilities.items() if not estimate.converged]
+    probabilities = {k: y for k, y in estimates.probabilities.items() if y is not None}
+    unverified = [
+        k for k in estimates.probabilities if k not in probabilities or not probabilities[k].converged
+    ]
     if unverified:
         for k in unverified:
             margins[spans[k]] = np.nan
-        result = result_of_code(UNVERIFIED) if best_outcome.satisfied else best_outcome.result
-        best_outcome = best_outcome._replace(margin=np.nan, satisfied=False, result=result)
+        is_interrupted = best_outcome.result == RESULTS.interrupted
+        if best_outcome.satisfied and not is_interrupted:
+            best_outcome = best_outcome._replace(result=result_of_code(UNVERIFIED))
+        best_outcome = best_outcome._replace(margin=np.nan, satisfied=False)
         outcomes = (*outcomes[:best], best_outcome, *outcomes[best + 1 :])
     prices = search.scale * best_end.multipliers if best_outcome.satisfied else np.full(offsets[-1], np.nan)
     lower_and_upper = np.asarray(variables.lower).tolist(), np.asarray(variables.upper).tolist()
@@ -294,7 +300,7 @@ def build_design(
         bounds=bounds,
         units=dict(zip(variables.names, variables.units, strict=True)),
         minimised=minimised,
-        probabilities={names[k]: estimate for k, estimate in estimates.probabilities.items()},
+        probabilities={names[k]: estimate for k, estimate in probabilities.items()},
         standard_errors={names[k]: errors for k, errors in estimates.errors.items()},
         overturned={
             name: int(count)

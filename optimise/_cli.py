@@ -54,7 +54,8 @@ def design_command(
     written.append(write_figure(f"{output}-convergence{suffix}", figure))
     motions = [motion for group in problem.motions.values() for motion in group]
     if motions:
-        picture = before_after(as_podium(problem.podium), design, _decisive_motion(problem, design, motions))
+        motion = _decisive_motion(problem, design, motions)
+        picture = before_after(as_podium(problem.podium), design, motion, problem.options)
         written.append(write_figure(f"{output}-response{suffix}", picture))
     return design, written, interruption
 
@@ -77,7 +78,8 @@ def _decisive_motion(problem: Problem, design: Design, motions: list) -> Any:
             worst_motions.append((worst_margins.min(), motion))
     if worst_motions:
         return min(worst_motions, key=lambda pair: pair[0])[1]
-    return motions[int(np.nanargmin(Suite.of(motions).overturning_margins(design.podium, problem.options)))]
+    overturning_margins = Suite.of(motions).overturning_margins(design.podium, problem.options)
+    return motions[int(np.argmin(np.nan_to_num(overturning_margins, nan=np.inf)))]
 
 
 def joint_peaks(problem: Problem, design: Design) -> Any:

@@ -94,7 +94,8 @@ def design(
     Ctrl-C raises [`rockjax.Interrupted`][]. The attribute `partial` of this error is the best design so far
     or, with `FreshSamples`, the mean of the designs of the latest steps. This design is evaluated with the
     tolerances of the verification, but not corrected. No new independent sample is taken for a
-    `FailureProbability`. If Ctrl-C comes during the first evaluation, `partial` is None.
+    `FailureProbability`; without an earlier one at this design, its margin is NaN. If Ctrl-C comes during the
+    first evaluation, `partial` is None.
     """
     start_time = time.perf_counter()
     transformation = transformation_of(method)

@@ -49,7 +49,8 @@ class Fit(Module):
       `optimise.fit`, a `rockjax.Podium` or an `optimise.Dimensions`
     - `variables`: name → value, in `units`; `errors`: name → standard error, in `units`, from the Jacobian
       and the scatter of the residuals. All errors are inf if the measurement does not determine every
-      variable; the error of a variable at a bound is only a rough indication
+      variable or has no more times than there are variables; the error of a variable at a bound is only a
+      rough indication
     - `covariance`: covariance matrix of the variables, in `units` and in the order of `variables`
     - `residuals`: measured minus fitted θ at each time, shape (n,) [rad]; `rms`: their root mean square
       [rad]. Both are inf if no start led to a podium whose simulation finishes
@@ -322,16 +323,16 @@ def _evaluate_residuals(scene: _Scene, points):
 
 
 def _covariance(residuals: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Return the covariance matrix s²(JᵀJ)⁻¹ of the variables (n, n); all entries are inf if J is
-    rank-deficient.
+    """Return the covariance matrix s²(JᵀJ)⁻¹ of the variables (n, n). All entries are inf if J is
+    rank-deficient, or square, so that the residuals do not show their scatter.
 
     - `residuals`: residuals (times,) [rad], with the variance s²
     - `slope`: Jacobian J (times, n) of the residuals with respect to the unscaled variables
     """
     count, n = slope.shape
-    variance = float(residuals @ residuals) / max(count - n, 1)
     information = slope.T @ slope
     norms = np.sqrt(np.diag(information))  # norms of the columns of J
-    if not (norms > 0).all() or np.linalg.cond(information / np.outer(norms, norms)) > 1e14:
+    is_determined = (norms > 0).all() and np.linalg.cond(information / np.outer(norms, norms)) <= 1e14
+    if count == n or not is_determined:
         return np.full((n, n), np.inf)
-    return variance * np.linalg.inv(information)
+    return float(residuals @ residuals) / (count - n) * np.linalg.inv(information)

@@ -13,7 +13,7 @@ import rockjax as rj
 from rockjax.internal import format_value
 
 from ._peak_targets import limited_by_overturning
-from ._suite import Suite, Values
+from ._suite import Suite, Values, has_answer
 from ._targets import AbstractTarget, Name, require_limit
 
 
@@ -21,6 +21,8 @@ class AbstractFloorTarget(AbstractTarget):
     """Base class of targets on contents or oscillators on floors, under all motions of a suite.
 
     - `limit`: limit of the responses; `suite`: the motions; `systems`: the contents or oscillators
+
+    The margin of a system whose simulation did not finish is NaN.
     """
 
     limit: eqx.AbstractVar[Any]
@@ -33,7 +35,11 @@ class AbstractFloorTarget(AbstractTarget):
         solve = lambda motion: rj.peak_response(podium, motion, options=options, on_floors=self.systems)
         peaks = self.suite.map_motions(solve)
         # The values of a motion are consecutive, as `limited_by_overturning` requires.
-        values = jnp.ravel(jnp.stack([self.limited_value(answer) for answer in peaks.on_floors], axis=-1))
+        finished_values = [
+            jnp.where(has_answer(peaks) & has_answer(answer), self.limited_value(answer), jnp.nan)
+            for answer in peaks.on_floors
+        ]
+        values = jnp.ravel(jnp.stack(finished_values, axis=-1))
         return limited_by_overturning((self.limit - values) / self.limit, peaks)
 
     def limited_value(self, answer: Any) -> Values:

@@ -26,8 +26,8 @@ class PeakRotation(AbstractResponseTarget):
       for a description
 
     The margin for each motion is (limit − s)/limit with s = max|θ|/α. If the columns overturn, s is
-    `Options.overturn_ratio` − M, where M < 0 is the overturning margin. Raises `ValueError` for other limits;
-    for a limit of 1 use [`optimise.NoOverturning`][].
+    `Options.overturn_ratio` − M, where M < 0 is the overturning margin, and the margin is at most M. Raises
+    `ValueError` for other limits; for a limit of 1 use [`optimise.NoOverturning`][].
     """
 
     limit: Any
@@ -41,7 +41,7 @@ class PeakRotation(AbstractResponseTarget):
         self.suite, self.name = Suite.of(excitations, owner), name
 
     def read(self, peaks: rj.Peak, options: rj.Options) -> Values:
-        return (self.limit - severity(peaks, options)) / self.limit
+        return limited_by_overturning((self.limit - severity(peaks, options)) / self.limit, peaks)
 
     def describe(self) -> str:
         return f"peak rotation ≤ {self.limit:g} α"

@@ -85,11 +85,13 @@ def convergence(design: Design, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def before_after(before: rj.Podium, design: Design, excitation: AnyMotion) -> Figure:
+def before_after(
+    before: rj.Podium, design: Design, excitation: AnyMotion, options: rj.Options = rj.Options()
+) -> Figure:
     """Plot θ/α of the podium before and after the design under a ground motion, and the motion itself.
 
     - `before`: the podium before the design; `design`: a result of [`optimise.design`][]
-    - `excitation`: the ground motion
+    - `excitation`: the ground motion; `options`: options of the simulations
 
     The picture ends when both the motion and rocking have ended, at most 60 s after the start of the motion.
     Returns the figure.
@@ -97,6 +99,7 @@ def before_after(before: rj.Podium, design: Design, excitation: AnyMotion) -> Fi
     check_design("before_after", design)
     require_instance("before_after", "before", before, rj.Podium, "a rockjax.Podium")
     excitation = as_excitation("before_after", excitation)
+    require_instance("before_after", "options", options, rj.Options, "rockjax.Options")
     import matplotlib.pyplot as plt
 
     from rockjax.plots import COLOURS, ROTATION
@@ -108,7 +111,7 @@ def before_after(before: rj.Podium, design: Design, excitation: AnyMotion) -> Fi
         (before, "before", COLOURS[1], "--"),
         (design.podium, "after", COLOURS[2], "-"),
     ):
-        response = rj.simulate(podium, excitation)
+        response = rj.simulate(podium, excitation, options=options)
         t = np.linspace(float(response.times[0]), float(response.stats.end_time), 4000)
         outcome = (
             "overturns"

@@ -22,13 +22,13 @@ class RESULTS(eqx.Enumeration):
     )
     not_finite = (
         "A response is not finite, a simulation did not finish or the structure is invalid, for the starting "
-        "design or in the verification; start from another design or raise max_steps."
+        "design or in the verification; start from another design, or raise max_steps or history of options."
     )
     interrupted = "The search was stopped; the best design so far is returned. Start from it to continue."
     averaged = "The design is the mean of the last steps; the targets hold in an independent sample."
     unverified = (
-        "The independent sample of a probability of failure has not converged, so its target may be "
-        "violated; raise the target's cov."
+        "A probability of failure has no independent sample at this design that has converged, so its target "
+        "may be violated; raise the target's cov, or sample the design with the target's method probability."
     )
 
 

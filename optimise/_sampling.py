@@ -140,9 +140,12 @@ class SampledTargets:
         return is_new, differs
 
     def probabilities(self, x: Vector) -> SampleEstimates:
-        """Return the estimates from the independent samples that were taken at x (n,)."""
+        """Return the estimates from the independent samples that were taken at x (n,); None for a target
+        without such a sample."""
         if self._parameters is None:
             return SampleEstimates({})
         podium, _ = self._parameters(x)
-        estimates = {k: ray_target.checked_estimate(podium) for k, ray_target in self._ray_targets.items()}
-        return SampleEstimates({k: estimate for k, estimate in estimates.items() if estimate is not None})
+        ray_targets = self._create_ray_targets()
+        return SampleEstimates(
+            {k: ray_target.checked_estimate(podium) for k, ray_target in ray_targets.items()}
+        )

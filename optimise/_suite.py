@@ -13,8 +13,7 @@ from jaxtyping import Array, Bool, Float
 
 import rockjax as rj
 from rockjax._checks import as_array
-from rockjax._responses.peak import AbstractPeak
-from rockjax._results import code_of
+from rockjax._results import code_of, did_not_finish
 from rockjax.internal import AnyMotions, Module, array_module, single_motions
 
 from ._fresh import FreshSamples
@@ -147,14 +146,18 @@ class Suite(Module):
         return {name: np.concatenate([values(y, name) for y in peaks])[order] for name in names}
 
     def overturning_margins(self, podium: rj.Podium, options: rj.Options) -> np.ndarray:
-        """Return the overturning margins (k,) under all motions, on all cores; outside jit and grad."""
-        return self.peaks(podium, options, ("margin",), ("margin",))["margin"]
+        """Return the overturning margins (k,) under all motions, on all cores; NaN where a simulation did not
+        finish. Outside jit and grad."""
+        peaks = self.peaks(podium, options, ("margin",), ("margin", "result"))
+        return np.where(did_not_finish(peaks["result"]), np.nan, peaks["margin"])
 
 
-def has_answer(peaks: AbstractPeak) -> Bool[Array, "*batch"]:
-    """Return whether each simulation finished: it settled, reached its end time or overturned."""
-    has_ended = (peaks.result == rj.RESULTS.settled) | (peaks.result == rj.RESULTS.end_of_time)
-    return has_ended | peaks.overturned
+def has_answer(response: Any) -> Bool[Array | np.ndarray, "*batch"]:
+    """Return whether each simulation finished: it settled, reached its end time or overturned.
+
+    `response` is that of a podium or of a secondary system, with the attribute `result`.
+    """
+    return ~did_not_finish(code_of(response.result))
 
 
 def _order(indices: list[list[int]]) -> tuple[int, ...]:

@@ -31,6 +31,9 @@ SearchedTarget = TypeVar("SearchedTarget", bound="AbstractTarget")
 # Least `width` (resolution of a search for overturning) while a design is searched. The verification uses the
 # `width` of the target.
 WIDTH_WHILE_SEARCHING = 1e-3
+# If `rockjax.Boundary.certain_width` exceeds the requested width by more than this factor, the cause is not
+# rounding, but simulations that did not finish.
+ROUNDING_ALLOWANCE = 1.01
 
 
 class AbstractTarget(Module):
@@ -144,7 +147,8 @@ class OverturningAcceleration(AbstractTarget):
     - `ratio`: whether `at_least` is in units of g tan α
     - `max_acceleration_ratio`: largest searched amplitude, in units of g tan α, > 0 [–]; this amplitude must
       exceed `at_least`. If no searched amplitude overturns the columns, the largest searched amplitude is
-      used as a_ov, and the derivatives of the margin are zero
+      used as a_ov, and the derivatives of the margin are zero. If simulations below a_ov do not finish, the
+      margin is NaN
     - `width`: in (0, 0.1) [–]; resolution of the search for a_ov in the verification. The search can miss a
       range of amplitudes that overturn the columns only if the range is narrower than `width` times the
       largest searched amplitude
@@ -195,19 +199,11 @@ class OverturningAcceleration(AbstractTarget):
     def margins(self, podium: rj.Podium, options: rj.Options) -> Values:
         g_tan_alpha = podium.g * jnp.tan(podium.alpha)
 
-        def least_amplitude(T_p):
-            return rj.overturning_acceleration(
-                podium,
-                self.pulse,
-                T_p,
-                max_acceleration_ratio=self.max_acceleration_ratio,
-                options=options,
-                width=self.width,
-            )
-
-        amplitudes = jax.vmap(least_amplitude)(self.T_p)
         largest = jax.lax.stop_gradient(self.max_acceleration_ratio * g_tan_alpha)
-        amplitudes = jnp.where(amplitudes < jnp.inf, amplitudes, largest)
+        amplitudes = jax.vmap(
+            lambda T_p: _least_scale(podium, self.pulse(1.0, T_p), largest, self.width, options)
+        )(self.T_p)
+        amplitudes = jnp.where(amplitudes == jnp.inf, largest, amplitudes)
         # If no amplitude overturns, the derivatives of the margin must be zero with both units of `at_least`.
         limit = self.at_least * (
             jnp.where(amplitudes < largest, g_tan_alpha, jax.lax.stop_gradient(g_tan_alpha))
@@ -226,6 +222,17 @@ class OverturningAcceleration(AbstractTarget):
     @property
     def scenes(self) -> int:
         return len(self.T_p)
+
+
+def _least_scale(podium: rj.Podium, motion, max_scale, width, options: rj.Options) -> Float[Array, ""]:
+    """Return the least factor on a motion that overturns the columns: inf if it exceeds `max_scale`, NaN if
+    simulations below it did not finish, so that a lower factor may overturn the columns.
+
+    - `podium`, `motion`, `max_scale`, `width`, `options`: as for `rockjax.overturning_boundary`
+    """
+    boundary = rj.overturning_boundary(podium, motion, max_scale=max_scale, options=options, width=width)
+    is_uncertain = boundary.certain_width > ROUNDING_ALLOWANCE * width * max_scale
+    return jnp.where(is_uncertain, jnp.nan, boundary.scale)
 
 
 def _with_coarse_width(target: SearchedTarget) -> SearchedTarget:
@@ -251,7 +258,8 @@ class AbstractScaleTarget(AbstractTarget):
 
     @abc.abstractmethod
     def margins_of_scales(self, scales: Float[Array, " k"]) -> Values:
-        """Return the margins for overturning scales (k,); scales above `max_scale` must be given as inf."""
+        """Return the margins for overturning scales (k,). Scales above `max_scale` must be given as inf, and
+        unknown scales as NaN."""
 
     def margins(self, podium: rj.Podium, options: rj.Options) -> Values:
         return self.margins_of_scales(self.least_scales(podium, options))
@@ -260,14 +268,18 @@ class AbstractScaleTarget(AbstractTarget):
         return _with_coarse_width(self)
 
     def least_scales(self, podium: rj.Podium, options: rj.Options) -> Float[Array, " k"]:
-        """Return the overturning scales (k,) of the motions, with inf for scales above `max_scale`."""
+        """Return the overturning scales (k,) of the motions: inf for scales above `max_scale`, NaN if
+        simulations did not finish."""
+        return self.suite.map_motions(
+            lambda motion: _least_scale(podium, motion, self.max_scale, self.width, options)
+        )
 
-        def least_scale(motion):
-            return rj.overturning_scale(
-                podium, motion, max_scale=self.max_scale, options=options, width=self.width
-            )
-
-        return self.suite.map_motions(least_scale)
+    def _fit(self, scales: Float[Array, " k"]) -> rj.Lognormal:
+        """Fit a lognormal distribution to overturning scales; NaN if a scale is NaN or no distribution can be
+        fitted."""
+        fitted = fit_capacities(scales, jnp.full_like(scales, self.max_scale))
+        is_known = ~jnp.any(jnp.isnan(scales))
+        return rj.Lognormal(*(jnp.where(is_known, y, jnp.nan) for y in fitted))
 
     @property
     def scenes(self) -> int:
@@ -300,7 +312,7 @@ class OverturningScale(AbstractScaleTarget):
     - `at_least`: > 0 [–]; `excitations`: a motion or a list of motions (records, pulses, wavelets)
     - `max_scale`: largest searched factor, > `at_least` [–]; None for 3 times `at_least`. If no searched
       factor on a motion overturns the columns, `max_scale` is used as the overturning scale of this motion,
-      with zero derivatives
+      with zero derivatives. If simulations below the overturning scale do not finish, the margin is NaN
     - `width`: in (0, 0.1) [–]; resolution of the search for the overturning scale in the verification. The
       search can miss a range of factors that overturn the columns only if the range is narrower than `width`
       times `max_scale`
@@ -324,7 +336,7 @@ class OverturningScale(AbstractScaleTarget):
         self.suite, self.name = Suite.of(excitations, owner), name
 
     def margins_of_scales(self, scales: Float[Array, " k"]) -> Values:
-        return jnp.where(scales < jnp.inf, scales, self.max_scale) / self.at_least - 1
+        return jnp.where(scales == jnp.inf, self.max_scale, scales) / self.at_least - 1
 
     def describe(self) -> str:
         return f"overturning scale ≥ {self.at_least:g}"
@@ -342,9 +354,10 @@ class MedianCapacity(AbstractScaleTarget):
     - `name`: name in reports; None for a description
 
     The median belongs to the lognormal distribution fitted to the overturning scales by maximum likelihood,
-    as in [`rockjax.fragility`][]. If no distribution can be fitted, for example because fewer than two
-    motions overturn the columns, the median is replaced by `max_scale`, with zero derivatives. The margin is
-    median/at_least − 1. Raises `ValueError` for arguments out of range.
+    as in [`rockjax.fragility`][]. If no distribution can be fitted, because the overturning scales are equal
+    or fewer than two motions overturn the columns, the median is replaced by the geometric mean of the
+    overturning scales, with `max_scale` in place of larger ones. The margin is median/at_least − 1; it is NaN
+    if simulations did not finish. Raises `ValueError` for arguments out of range.
     """
 
     at_least: Any
@@ -362,8 +375,9 @@ class MedianCapacity(AbstractScaleTarget):
             raise ValueError("MedianCapacity: suite must hold two motions or more, got one")
 
     def margins_of_scales(self, scales: Float[Array, " k"]) -> Values:
-        median = fit_capacities(scales, jnp.full_like(scales, self.max_scale)).median
-        return (jnp.where(jnp.isnan(median), self.max_scale, median) / self.at_least - 1)[None]
+        fitted = self._fit(scales).median
+        geometric_mean = jnp.exp(jnp.mean(jnp.log(jnp.minimum(scales, self.max_scale))))
+        return (jnp.where(jnp.isnan(fitted), geometric_mean, fitted) / self.at_least - 1)[None]
 
     def describe(self) -> str:
         return f"median overturning scale ≥ {self.at_least:g}"
@@ -403,12 +417,15 @@ class OverturningProbability(AbstractResponseTarget):
         return _smoothed_quantile(peaks.margin, self.at_most, self.smoothing)[None]
 
     def smoothed(self, podium: rj.Podium, options: rj.Options = rj.Options()) -> float:
-        """Return the smoothed probability P of a podium [–]; outside jit."""
+        """Return the smoothed probability P of a podium [–], NaN if a simulation did not finish; outside
+        jit."""
         return float(jnp.mean(norm.cdf(-self.suite.overturning_margins(podium, options) / self.smoothing)))
 
     def exact(self, podium: rj.Podium, options: rj.Options = rj.Options()) -> float:
-        """Return the fraction of the motions that overturn a podium [–]; outside jit."""
-        return float(np.mean(self.suite.overturning_margins(podium, options) < 0))
+        """Return the fraction of the motions that overturn a podium [–], NaN if a simulation did not finish;
+        outside jit."""
+        margins = self.suite.overturning_margins(podium, options)
+        return float(np.mean(np.where(np.isnan(margins), np.nan, margins < 0)))
 
     def describe(self) -> str:
         return f"overturning probability ≤ {self.at_most:g} (h = {self.smoothing:g})"

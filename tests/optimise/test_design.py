@@ -8,6 +8,8 @@ import math
 import re
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +20,8 @@ import pytest
 import optimise
 import rockjax as rj
 from benchmarks import studies
-from optimise._cli import design_record
+from optimise._cli import design_command, design_record
+from optimise._fit import _covariance
 from optimise._results import result_name
 from optimise._suite import Suite
 from optimise._targets import _smoothed_quantile
@@ -635,6 +638,42 @@ def test_an_amplitude_out_of_range_counts_as_its_end():
     assert np.allclose(slope, 0.0)
 
 
+def test_overturning_scales_are_unknown_if_simulations_below_them_do_not_finish(monkeypatch):
+    def search(podium, motion, *, max_scale, options, width):
+        unfinished = jnp.where(motion.T_p > 1, 0.5, 0.5 * width)  # shares of the range
+        return SimpleNamespace(scale=jnp.inf, certain_width=unfinished * max_scale)
+
+    monkeypatch.setattr(rj, "overturning_boundary", search)
+    for target in (
+        optimise.OverturningScale(2.0, MOTIONS, max_scale=3.0),
+        optimise.OverturningAcceleration(2.0, rj.OneSine, [0.9, 1.2], ratio=True, max_acceleration_ratio=3.0),
+    ):
+        np.testing.assert_allclose(target.margins(BLOCK, OPTIONS), [0.5, np.nan])
+    scales = jnp.array([1.0, 2.0, np.nan])
+    assert np.isnan(optimise.MedianCapacity(1.0, MOTIONS).margins_of_scales(scales)).all()
+    assert np.isnan(TARGETS["risk"].margins_of_scales(scales)).all()
+
+
+def test_without_a_fitted_distribution_the_mean_of_the_scales_counts():
+    """Equal scales have no dispersion."""
+    median, risk = optimise.MedianCapacity(1.0, MOTIONS, max_scale=3.0), TARGETS["risk"]
+    for scales, expected in (([0.3, 0.3], 0.3), ([0.75, np.inf], 1.5), ([np.inf, np.inf], 3.0)):
+        np.testing.assert_allclose(median.margins_of_scales(jnp.array(scales)), expected - 1)
+    rates = np.asarray(HAZARD(jnp.array([2.0, 30.0])))
+    for scales, rate in (([2.0, 2.0], rates[0]), ([2.0, np.inf], rates.mean()), ([np.inf] * 2, rates[1])):
+        np.testing.assert_allclose(risk.margins_of_scales(jnp.array(scales)), np.log(4e-4 / rate))
+
+
+def test_a_scene_that_overturns_below_the_limit_violates_it():
+    peaks: Any = SimpleNamespace(
+        overturned=jnp.array([True, False]),
+        margin=jnp.array([-0.05, 0.3]),
+        peak_rotation=jnp.array([0.3, 0.2]),
+    )
+    margins = optimise.PeakRotation(0.4, MOTIONS).read(peaks, rj.Options(overturn_ratio=0.3))
+    np.testing.assert_allclose(margins, [-0.05, 0.5])
+
+
 def test_smoothed_quantile_has_the_sign_of_the_probability():
     rng = np.random.default_rng(3)
     values = jnp.asarray(rng.normal(0.3, 0.5, 60))
@@ -656,6 +695,10 @@ def test_probability_counts_and_smooths():
     sign = float(target.margins(BLOCK, rj.Options(throw=False))[0])
     assert (sign >= 0) == (target.smoothed(BLOCK) <= 0.5)
     assert optimise.OverturningProbability(0.5, suite, intensity=3.0).exact(BLOCK) > counted
+    unfinished = rj.Options(max_steps=1)
+    for probability in (target.exact, target.smoothed):
+        with pytest.warns(RuntimeWarning, match="13 of 13 scenes did not finish"):
+            assert np.isnan(probability(BLOCK, unfinished))
 
 
 @pytest.mark.parametrize(
@@ -771,6 +814,12 @@ def test_fit_rejects_invalid_arguments():
         optimise.fit(BLOCK, vary, motion, [-9.0, 1.0], [0.0, 0.0])
     with pytest.raises(ValueError, match=r"fit: options.overturn_ratio must be <= π/\(2α\) = 10.472"):
         optimise.fit(BLOCK, vary, motion, [0.0, 1.0], [0.0, 0.0], options=BEYOND.replace(overturn_ratio=12))
+
+
+def test_errors_are_unknown_without_more_measurements_than_variables():
+    slope = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
+    assert np.isinf(_covariance(np.zeros(2), slope[:2])).all()
+    assert np.isfinite(_covariance(np.full(3, 0.1), slope)).all()
 
 
 @pytest.mark.slow
@@ -933,8 +982,6 @@ def test_a_missing_file_is_named(tmp_path):
 
 @pytest.mark.smoke
 def test_the_command_writes_everything(folder, capsys):
-    from optimise._cli import design_command
-
     design_command(optimise.load(write_problem(folder, FILE)), folder / "out", quiet=True)
     assert capsys.readouterr().out == ""
     account = json.loads((folder / "out.json").read_text())
@@ -944,6 +991,20 @@ def test_the_command_writes_everything(folder, capsys):
     assert account["stats"]["scenes"] == 2 * account["stats"]["evaluations"]
     for name in ("out-convergence.png", "out-response.png"):
         assert (folder / name).read_bytes().startswith(b"\x89PNG")
+
+
+def test_pictures_use_the_options_of_the_problem(monkeypatch, tmp_path):
+    def simulate(podium, excitation, *, options=None):
+        raise RuntimeError(f"options: {options == OPTIONS}")
+
+    monkeypatch.setattr(rj, "simulate", simulate)
+    monkeypatch.setattr("optimise._cli._decisive_motion", lambda *_: MOTIONS[0])
+    design = optimise.design(BLOCK, {"alpha": (0.1, 0.2)}, _alpha)
+    problem: Any = SimpleNamespace(
+        design=lambda **_: design, motions={"pulses": MOTIONS}, podium=BLOCK, options=OPTIONS
+    )
+    with pytest.raises(RuntimeError, match="options: True"):
+        design_command(problem, tmp_path / "out", quiet=True)
 
 
 def test_a_record_of_a_design_describes_devices_and_elevation():

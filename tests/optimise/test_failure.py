@@ -1,6 +1,7 @@
 """Targets on a probability of failure: rays through failing samples, and designs that satisfy a target."""
 
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import equinox as eqx
@@ -16,6 +17,7 @@ import rockjax as rj
 from optimise._answer import Effort, SampleEstimates, SearchResult, build_design
 from optimise._descent import End, Evaluation
 from optimise._failure import RayTarget
+from optimise._results import CONVERGED, INTERRUPTED
 from optimise._sampling import SampledTargets
 from optimise._variables import make_variables
 from rockjax._risk.limit_state import FunctionLimitState
@@ -120,6 +122,26 @@ def test_a_design_without_a_converged_check_is_unverified():
     assert list(answer.failing) == ["failure"]
     assert "not verified: failure" in repr(answer)
     assert "(no interval), not converged in" in repr(answer)
+
+
+@pytest.mark.parametrize(
+    ("code", "result"),
+    [(CONVERGED, optimise.RESULTS.unverified), (INTERRUPTED, optimise.RESULTS.interrupted)],
+)
+def test_a_design_without_a_sample_is_unverified(code, result):
+    here = Evaluation(np.zeros(1), np.array([0.2]), np.zeros((1, 1)), np.zeros((1, 1)), np.zeros(2))
+    ends = [End(np.array([0.5]), np.zeros(1), code, 3, here)]
+    found = SearchResult(ends, [here], {"failure": 1}, 1.0, [], Effort(1, 1, 1, 1.0))
+    box = make_variables(BLOCK, {"alpha": (0.1, 0.4)})
+    sampled = SampledTargets(box, [optimise.FailureProbability(1e-2, MOTION)])
+    unsampled: Any = SimpleNamespace(checked_estimate=lambda podium: None)
+    sampled._ray_targets[0] = unsampled
+    answer = build_design(BLOCK, box, None, found, sampled.probabilities)
+    assert not answer.satisfied
+    assert answer.result == result
+    assert np.isnan(answer.margins["failure"]).all()
+    assert not answer.probabilities
+    assert "not verified: failure" in repr(answer)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Targets on secondary systems of floors: margins, their derivatives, invalid inputs."""
 
 import dataclasses
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -9,13 +10,24 @@ import pytest
 
 import optimise
 import rockjax as rj
+from rockjax import _results as results
 
 PODIUM = rj.Podium(0.15, 1.5, 10.0, rj.Elastic(30.0, 0.5), restitution="compatible")
 SUITE = [rj.Ricker(2.4, 1.0), rj.Ricker(3.0, 0.8)]
 BLOCKS = rj.Contents(0.4, 0.5), rj.Contents(0.1, 0.8)
 OSCILLATORS = rj.Oscillator(0.3), rj.Oscillator(0.3, direction="vertical")
 OPTIONS = rj.Options(rtol=1e-10, atol=1e-12)
+ENDS = results.SETTLED, results.OUT_OF_STEPS
 TARGETS = optimise.ContentsRotation(0.5, SUITE, BLOCKS), optimise.FloorSpectrum(9.0, SUITE, OSCILLATORS)
+
+
+class Answer(NamedTuple):
+    peak_rotation: Any
+    margin: Any
+    pseudo_acceleration: Any
+    overturned: Any
+    result: Any
+    on_floors: tuple
 
 
 @pytest.mark.slow(but=["ContentsRotation"])
@@ -47,6 +59,20 @@ def test_only_the_motion_that_overturns_the_columns_limits_margins():
     assert margins.shape == (4,)
     assert np.all(margins[:2] < 0)
     np.testing.assert_array_equal(margins[2:], 1.0)  # under the weak motion neither block rocks
+
+
+@pytest.mark.parametrize("target", TARGETS, ids=lambda target: type(target).__name__)
+def test_margins_of_systems_without_an_answer_are_nan(target, monkeypatch):
+    """The simulation of the second system does not finish."""
+
+    def respond(podium, motion, *, options, on_floors):
+        zero = motion.T_p * 0
+        has_ended, has_not = (results.result_of(zero.astype(int) + code) for code in ENDS)
+        answer = Answer(zero, zero + 1, zero, zero > 0, has_ended, ())
+        return answer._replace(on_floors=(answer, answer._replace(result=has_not)))
+
+    monkeypatch.setattr(rj, "peak_response", respond)
+    np.testing.assert_array_equal(target.margins(PODIUM, OPTIONS), [1.0, np.nan] * 2)
 
 
 def test_bad_input_is_named():
