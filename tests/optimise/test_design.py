@@ -282,6 +282,7 @@ def test_not_finite_start_is_named_and_other_starts_go_on():
     target = Analytic(lambda p: jnp.where(p.alpha < 0.1, jnp.nan, p.alpha / 0.2 - 1))
     alone = optimise.design(BLOCK.replace(alpha=0.06), {"alpha": (0.05, 0.5)}, _alpha, target)
     assert result_name(alone.result) == "not_finite"
+    assert "raise max_steps or history of options" in repr(alone)
     assert not alone.satisfied
     answer = optimise.design(BLOCK.replace(alpha=0.06), {"alpha": (0.05, 0.5)}, _alpha, target, starts=4)
     assert answer.satisfied
