@@ -8,9 +8,8 @@ from pathlib import Path
 os.environ.setdefault("MPLBACKEND", "Agg")
 # Workers and modules share their compiled programs.
 os.environ["ROCKJAX_CACHE_DIR"] = str(Path(__file__).parent.parent / ".pytest_cache" / "rockjax")
-# Level 0 compiles in about two thirds of the time of the default level of rockjax. Its programs are slower,
-# but most tests solve few scenes.
-os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_backend_optimization_level=0".strip()
+# Functions that tests compile need as little time for it as stored programs.
+os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_backend_optimization_level=1".strip()
 
 import jax
 import pytest

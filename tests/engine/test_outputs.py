@@ -236,7 +236,7 @@ def test_own_outputs_need_a_name_of_their_own(name):
 
 
 def test_unknown_outputs_are_refused():
-    with pytest.raises(ValueError, match="some of"):
+    with pytest.raises(ValueError, match="one or more of"):
         rj.Options(outputs=("peak_rotatoin",))
-    with pytest.raises(ValueError, match="some of"):
+    with pytest.raises(ValueError, match="one or more of"):
         rj.Options(outputs=(3,))
