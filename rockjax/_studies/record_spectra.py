@@ -81,10 +81,7 @@ def record_spectrum(
     motions = records
     records, own_names = as_records(owner, motions)
     count, labels = len(records), record_labels(owner, records, own_names if names is None else names)
-    sizes = np.asarray(as_float(p, f"{owner}: p"))
-    if sizes.ndim != 1 or sizes.size == 0 or np.any(np.diff(sizes) <= 0):
-        raise ValueError(f"{owner}: p must be a 1-D array of ascending values, got {p!r}")
-    require(owner, "p", sizes, lambda v: v > 0, "finite and > 0 rad/s")
+    sizes = _checked_sizes(owner, p)
     check_single(owner, podium)
     check_limit(owner, "max_scale", max_scale)
     check_search(owner, width, resolution)
@@ -146,3 +143,13 @@ def record_spectrum(
             **describe_options(options),
         },
     )
+
+
+def _checked_sizes(owner: str, p: Float[ArrayLike, " n"]) -> np.ndarray:
+    """Return the frequency parameters of `record_spectrum` as an array. Raises `ValueError` unless they are
+    positive and ascending."""
+    sizes = np.asarray(as_float(p, f"{owner}: p"))
+    if sizes.ndim != 1 or sizes.size == 0 or np.any(np.diff(sizes) <= 0):
+        raise ValueError(f"{owner}: p must be a 1-D array of ascending values, got {p!r}")
+    require(owner, "p", sizes, lambda v: v > 0, "finite and > 0 rad/s")
+    return sizes

@@ -34,7 +34,7 @@ def sets_with_scenes(evaluation: Evaluation) -> tuple[str, ...]:
 
 def surviving_scenes(data: xarray.Dataset) -> np.ndarray:
     """Return for each scene of a dataset whether it finished without overturning, (motions,)."""
-    return ~(data["overturned"].values | results.did_not_finish(data["result"].values))
+    return results.outcomes(data).values == 0
 
 
 def omitted_scenes(data: xarray.Dataset) -> str:
