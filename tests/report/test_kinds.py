@@ -97,7 +97,7 @@ def test_a_design_reads_the_keys_of_checks(tmp_path):
     assert [entry.limit for entry in found.checks] == [0.6, pytest.approx(0.980665), 1.5, 0.5]
     share, pulses, scale, friction = problem.targets
     assert (share.at_most, pulses.at_least, scale.at_least) == (0.6, pytest.approx(0.980665), 1.5)
-    assert (scale.name, friction.friction) == ("Scale", 0.5)
+    assert (scale.name, friction.given_limit) == ("Scale", 0.5)
     for given, words in (
         ('kind = "uplift-scale"\nlimit = 0.5\n', "can only be a check of a report"),
         ('kind = "peak-rotation"\nlimit = 0.5\nstatistic = "mean"\n', "statistic: must be max"),
