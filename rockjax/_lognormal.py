@@ -14,7 +14,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax.scipy.stats import norm
 from jaxtyping import Array, ArrayLike, Bool, Float
-from scipy.special import ndtr
 
 from rockjax._checks import array_module
 
@@ -37,7 +36,11 @@ class Lognormal(NamedTuple):
         """Return the probability P(capacity ≤ x) [–]."""
         xp = array_module(self, x)
         z = xp.divide(xp.log(xp.divide(x, self.median)), self.dispersion)
-        return ndtr(z) if xp is np else norm.cdf(z)
+        if xp is not np:
+            return norm.cdf(z)
+        from scipy.special import ndtr  # takes long to import
+
+        return ndtr(z)
 
 
 def fit_capacities(

@@ -65,20 +65,21 @@ class PeakKind(Kind):
     def outputs(self, entry: Entry) -> tuple[str, ...]:
         return (VARIABLES[self.variable][1],)
 
-    def to_values(self, peaks: Any, problem: Problem, podium: Podium) -> Any:
-        """Convert peaks to values of the check. The last axis of `peaks` may run over joints, storeys or
-        modes."""
-        if self.factor is not None:
-            peaks = peaks * jnp.broadcast_to(self.factor(problem, podium), np.shape(peaks))
-        return peaks if self.convert is None else self.convert(podium, peaks)
+    def conversion(self, problem: Problem, podium: Podium) -> Callable[[Any], Any]:
+        """Return the function that converts peaks to values of the check. The last axis of its argument may
+        run over joints, storeys or modes."""
+        factor = 1.0 if self.factor is None else self.factor(problem, podium)
+        convert = self.convert
+        return lambda peaks: peaks * factor if convert is None else convert(podium, peaks * factor)
 
     def values(self, entry: Entry, scenes: Scenes, law: str | None = None, variation: str = "") -> Values:
         problem = scenes.problem
         data = scenes.peaks(str(entry.motions), law, variation)
         podium, axis = scenes.podium(law, variation), VARIABLES[self.variable][0].axis
         raw = np.asarray(data[self.variable], float)
-        all_values = np.asarray(self.to_values(raw, problem, podium))
-        shifted = np.asarray(self.to_values(raw + errors_of(data, self.variable), problem, podium))
+        to_values = self.conversion(problem, podium)
+        all_values = np.asarray(to_values(raw))
+        shifted = np.asarray(to_values(raw + errors_of(data, self.variable)))
         with np.errstate(invalid="ignore"):
             error = np.abs(shifted - all_values)
         factors = scenes.factors(variation)
@@ -108,7 +109,7 @@ class PeakKind(Kind):
             return lambda: (value, slopes.reshape(-1, exponents.size)[worst] + value * exponents)
 
         def value(podium: Podium, logs: Any) -> Value:
-            all_values = self.to_values(peaks + slopes @ logs, problem, podium)
+            all_values = self.conversion(problem, podium)(peaks + slopes @ logs)
             all_values = all_values * jnp.exp(exponents @ logs)
             return jnp.min(all_values) if self.is_minimum else jnp.max(all_values)
 
