@@ -22,7 +22,7 @@ class _Commands(typer.core.TyperGroup):
         return super().parse_args(ctx, args)
 
 
-# Number of new objects after which Python's garbage collector runs. With Python's default of 700, the collector
+# Number of new objects after which Python's garbage collector runs. With the default of 700, the collector
 # takes 10 % of the time of the imports, which create few cycles.
 COLLECTOR_THRESHOLD = 100_000
 
