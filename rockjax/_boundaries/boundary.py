@@ -128,7 +128,26 @@ def overturning_acceleration(
 
     Raises `ValueError` for invalid inputs that are not traced.
     """
-    owner = "overturning_acceleration"
+    return acceleration_boundary(
+        podium, pulse, T_p, max_acceleration_ratio, options=options, width=width, resolution=resolution
+    ).scale
+
+
+def acceleration_boundary(
+    podium: Podium,
+    pulse: Callable[[Any, Any], AbstractExcitation],
+    T_p,
+    max_acceleration_ratio=MAX_ACCELERATION_RATIO,
+    **settings: Any,
+) -> Boundary:
+    """Return the boundary whose `scale` is the result of `overturning_acceleration` [m/s²].
+
+    - `podium`, `pulse`, `T_p`, `max_acceleration_ratio`: as for `overturning_acceleration`
+    - `settings`: `options`, `width` and `resolution`, as for `overturning_boundary`
+
+    Raises `ValueError` for invalid inputs that are not traced.
+    """
+    owner, options = "overturning_acceleration", settings.setdefault("options", BOUNDARY)
     check_types(owner, podium, options)
     require(owner, "T_p", T_p, lambda v: v > 0, "finite and > 0")
     check_limit(owner, "max_acceleration_ratio", max_acceleration_ratio)
@@ -137,9 +156,7 @@ def overturning_acceleration(
     motion = pulse(1.0, T_p)
     if isinstance(motion, GroundMotion):  # its vertical component need not be proportional to a_p
         motion = ScaledByAmplitude(as_float(T_p), pulse)
-    return overturning_boundary(
-        podium, motion, max_scale=limit, options=options, width=width, resolution=resolution
-    ).scale
+    return overturning_boundary(podium, motion, max_scale=limit, **settings)
 
 
 def overturning_scale(

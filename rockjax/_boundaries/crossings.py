@@ -30,6 +30,7 @@ from .margin import DEFAULT_WIDTH, has_margin, margin_options, scan_options, sig
 from .refinement import (
     SolvedScenes,
     SolveScenes,
+    finished_ends,
     least_dip,
     points_around_dips,
     resolve_windows,
@@ -103,6 +104,7 @@ class Scan(NamedTuple):
     # Largest width in y of an overturning interval below the first change that may have been missed.
     certain_width: np.ndarray
     scenes: int  # number of solved scenes
+    finished_to: np.ndarray  # largest y of a finished scene below the first scene that did not finish
 
 
 def scan(
@@ -139,7 +141,7 @@ def scan(
     `options.rtol`. Raises `RuntimeError` if there is a line on which no scene finishes.
     """
     x = np.asarray(x, float)
-    scenes = 0
+    batches: list[SolvedScenes] = []  # all solved scenes
     y_range = min(y_range), max(y_range)
     size = y_range[1] - y_range[0]
     coarse = scan_options(options, DEFAULT_WIDTH if width is None else width, np)
@@ -148,10 +150,9 @@ def scan(
     with bar(None, "scenes", progress, unit_scale=True) as counter:
 
         def solve(line: np.ndarray, y: np.ndarray, accurate: bool) -> SolvedScenes:
-            nonlocal scenes
-            scenes += line.size
             result = margins(plane, x[line], y, options if accurate else coarse, counter, has_distances)
-            return SolvedScenes(line, y, *result, np.full(line.size, accurate))
+            batches.append(SolvedScenes(line, y, *result, np.full(line.size, accurate)))
+            return batches[-1]
 
         lines = np.arange(x.size)
         grid = np.linspace(*y_range, resolution + 1)
@@ -188,7 +189,9 @@ def scan(
         brackets = narrow_brackets(brackets, evaluate, tolerance, LANES * min(2, workers()))
         crossings = Crossings(line, 0.5 * (brackets.a + brackets.b), overturns, brackets.output_at_b)
     gaps = widest_gaps(solved, spacing, y_range[1])
-    return Scan(crossings, lower_end_survives, least_dip(finished), gaps, scenes)
+    every = SolvedScenes(*map(np.concatenate, zip(*batches, strict=True)))
+    ends = finished_ends(every, x.size, y_range[0])
+    return Scan(crossings, lower_end_survives, least_dip(finished), gaps, every.y.size, ends)
 
 
 def margins(

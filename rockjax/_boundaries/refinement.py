@@ -153,6 +153,20 @@ def widest_gaps(solved: SolvedScenes, spacing: float, line_end: float) -> np.nda
     return np.array(widest)
 
 
+def finished_ends(solved: SolvedScenes, count: int, line_start: float) -> np.ndarray:
+    """Return, for each of `count` lines, the largest y of a finished scene below the first scene that did not
+    finish; `line_start` for a line without such a scene.
+
+    - `solved`: scenes in any order; `line_start`: lower end of the lines
+    """
+    is_finished = ~np.isnan(solved.margin)
+    unfinished_from, ends = np.full(count, np.inf), np.full(count, line_start)
+    np.minimum.at(unfinished_from, solved.line[~is_finished], solved.y[~is_finished])
+    below = is_finished & (solved.y < unfinished_from[solved.line])
+    np.maximum.at(ends, solved.line[below], solved.y[below])
+    return ends
+
+
 def _allowed_steps(solved: SolvedScenes, below: slice, spacing: float) -> np.ndarray:
     """Return the allowed length of each step between neighbours of a slice, a whole number of spacings."""
     edge_distance = np.where(solved.margin[below] > 0, solved.edge_distance[below], 0.0)

@@ -121,9 +121,11 @@ def scene_answers(scenes: Scenes, name: str, motion: int) -> dict[str, tuple[np.
 
 
 def prepare_answers(scenes: Scenes, name: str) -> None:
-    """Start to load or compile the program of `scene_answers` for a set in another thread, unless derivatives
-    of the set are stored."""
-    if not any(key.startswith(f"derivatives.{name}.") for key in scenes.store.data):
+    """Start to load or compile the program of `scene_answers` for a set in another thread. Do nothing if the
+    checks of the set need no outputs, or if derivatives of the set are stored."""
+    if scenes.needed[name].outputs and not any(
+        key.startswith(f"derivatives.{name}.") for key in scenes.store.data
+    ):
         prepare_solved_answers(scenes, name, _options(scenes, name))
 
 

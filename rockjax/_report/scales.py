@@ -48,14 +48,15 @@ def least_factors(scenes: Scenes, name: str, event: str) -> xarray.Dataset:
     - `scenes`: the scenes of the problem
     - `name`: name of the set; `event`: "uplift" or "overturning"
 
-    The variables of the dataset are `factor` and its estimated `error`. The attribute `limit` is the largest
-    searched factor. For a motion that does not overturn the columns up to this limit, `factor` is inf and
-    `error` is NaN.
+    The variables of the dataset are `factor`, its estimated `error`, and `end`: all scenes of the search at
+    factors up to `end` finished. The variable `is_open` is True if `end` is less than `factor` because scenes
+    at lower factors did not finish; a lower factor may then overturn the columns. For a motion that does not
+    overturn the columns in the finished scenes, `factor` is inf and `error` is NaN. For uplift, `end` is inf.
 
-    For overturning there are two more variables, `survives_from` and `overturns_again_from`. The columns
-    overturn at factors from `factor` to `survives_from`, and survive from there to `overturns_again_from`.
-    Both variables are searched up to twice `factor`; a variable that is not found is NaN. Narrow windows may
-    be missed.
+    For overturning there are three more variables, `survives_from`, `overturns_again_from` and `window_end`.
+    The columns overturn at factors from `factor` to `survives_from`, and survive from there to
+    `overturns_again_from`. Both variables are searched up to `window_end`: twice `factor`, or the last factor
+    before a scene that did not finish. A variable that is not found is NaN. Narrow windows may be missed.
 
     Raises `ValueError` for a motion without horizontal acceleration, and `RuntimeError` if the least uplift
     factor is too small to be found or a scene without uplift does not finish. Both errors occur for "uplift"
@@ -99,7 +100,9 @@ def _uplift(scenes: Scenes, motions: MotionSet) -> xarray.Dataset:
     _check_finished(motions, data["result"].values)
     factor = 0.9 * factor / data["uplift_ratio"].values
     error = factor * data["uplift_ratio_error"].values / data["uplift_ratio"].values
-    return xarray.Dataset({"factor": ("motion", factor), "error": ("motion", error)}, attrs={"limit": np.inf})
+    variables = {"factor": factor, "error": error}
+    variables |= {"end": np.full(factor.shape, np.inf), "is_open": np.zeros(factor.shape, bool)}
+    return xarray.Dataset({name: ("motion", y) for name, y in variables.items()})
 
 
 def _uplift_options(problem: Problem) -> Options:
@@ -161,14 +164,17 @@ def _overturning(scenes: Scenes, motions: MotionSet) -> xarray.Dataset:
     factors, _ = found.crossings.first(len(motions))
     # Boundaries are narrowed to rounding, so the errors of the scenes alone determine the error of a factor.
     error = np.where(np.isfinite(factors), factors * BOUNDARY_ERROR, np.nan)
-    survives, overturns = _window_ends(plane, factors, options)
+    survives, overturns, window_end = _window_ends(plane, factors, options)
     variables = {
         "factor": factors,
         "error": error,
+        "end": np.minimum(MAX_SCALE, found.finished_to),
+        "is_open": np.isfinite(factors) & (found.finished_to < JUST_BELOW * factors),
         "survives_from": survives,
         "overturns_again_from": overturns,
+        "window_end": window_end,
     }
-    return xarray.Dataset({name: ("motion", y) for name, y in variables.items()}, attrs={"limit": MAX_SCALE})
+    return xarray.Dataset({name: ("motion", y) for name, y in variables.items()})
 
 
 def _scaled_motions(podium: Podium, motions: MotionSet) -> Plane:
@@ -179,9 +185,10 @@ def _scaled_motions(podium: Podium, motions: MotionSet) -> Plane:
     return lambda motion, factor: (structure, pick_motions(batch, motion).scaled(factor))
 
 
-def _window_ends(plane: Plane, factors: np.ndarray, options: Options) -> tuple[np.ndarray, np.ndarray]:
-    """Return the factors at which the first window of overturning ends, and the factors at which the next
-    window of overturning begins, each of shape (motions,). A factor that was not found is NaN.
+def _window_ends(plane: Plane, factors: np.ndarray, options: Options) -> np.ndarray:
+    """Return three rows of factors, (3, motions): the factors at which the first window of overturning ends,
+    the factors at which the next window of overturning begins, and the largest searched factors. A factor
+    that was not found is NaN. The search for a motion ends before the first scene that does not finish.
 
     - `plane`: result of `_scaled_motions`
     - `factors`: the least overturning factors, (motions,); inf where none was found
@@ -193,14 +200,18 @@ def _window_ends(plane: Plane, factors: np.ndarray, options: Options) -> tuple[n
         margin, impacts, _ = margins(plane, np.repeat(motion, y.shape[1]), y.ravel(), options)
         return margin.reshape(y.shape), impacts.reshape(y.shape)
 
-    ends = np.full((2, factors.size), np.nan)
+    ends = np.full((3, factors.size), np.nan)
     if overturning.size == 0:
-        return ends[0], ends[1]
+        return ends
     y = factors[overturning, None] * WINDOW_FACTORS
     margin, impacts = evaluate(overturning, y)
-    survives, points = margin > 0, np.arange(WINDOW_FACTORS.size)
+    finished, points = np.logical_and.accumulate(~np.isnan(margin), axis=1), np.arange(WINDOW_FACTORS.size)
+    survives, overturns = finished & (margin > 0), finished & (margin <= 0)
     first = np.argmax(survives, axis=1)  # 0 if no point survives
-    again = np.argmax(~survives & (points > first[:, None]), axis=1)  # 0 if all later points survive
+    again = np.argmax(overturns & (points > first[:, None]), axis=1)  # 0 if all later points survive
+    # If the first point did not finish, nothing is known above the least overturning factor.
+    last = np.max(np.where(finished, y, factors[overturning, None]), axis=1)
+    ends[2, overturning] = last
     # The first change of the outcome is between the points first − 1, which overturns, and first, which
     # survives. The second is between again − 1, which survives, and again, which overturns.
     for change, (survivor, other) in enumerate(((first, first - 1), (again - 1, again))):
@@ -213,7 +224,7 @@ def _window_ends(plane: Plane, factors: np.ndarray, options: Options) -> tuple[n
             solve = lambda rows, y, found=found: evaluate(overturning[found][rows], y)
             final = narrow_brackets(brackets, solve, BRACKET_TOLERANCE, LANES)
             ends[change, overturning[found]] = 0.5 * (final.a + final.b)
-    return ends[0], ends[1]
+    return ends
 
 
 def boundary_options(problem: Problem) -> Options:

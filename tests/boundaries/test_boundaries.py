@@ -191,6 +191,7 @@ def test_stretches_without_an_answer_are_not_certain(search, monkeypatch):
     if search == "batch":
         found = scanned([motion], monkeypatch)
         first, certain = found.crossings.y[0], found.certain_width[0]
+        assert 0.3 - 2 * WIDTH < found.finished_to[0] < 0.3
     else:
         first, certain = in_program(motion).scale, in_program(motion).certain_width
     assert first == pytest.approx(0.7, rel=1e-9)

@@ -1,6 +1,7 @@
 """Kinds of checks other than peaks: values agree with the functions of the package; targets are checks."""
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,15 +10,18 @@ import xarray
 import optimise
 import rockjax as rj
 from optimise._problem import TARGETS
+from rockjax._boundaries.crossings import Crossings
+from rockjax._report import scales
 from rockjax._report.assemble import page_of
 from rockjax._report.entry import Entry
-from rockjax._report.evaluate import evaluate, needs_of_sets
-from rockjax._report.kinds import KINDS, check_model, peaks
+from rockjax._report.evaluate import decide, evaluate, needs_of_sets, utilisations_of
+from rockjax._report.kinds import KINDS, check_model, peaks, risk, searches
 from rockjax._report.kinds.base import statistic_of
-from rockjax._report.kinds.searches import searched_values
+from rockjax._report.kinds.searches import UNFINISHED, searched_values
 from rockjax._report.scales import boundary_options, least_factors
 from rockjax._report.scenes import Needs, Scenes
 from rockjax._report.store import Store
+from rockjax._results import NAMES
 from rockjax._risk.gaussian import Envelope
 
 FILE = """
@@ -421,6 +425,119 @@ def test_a_search_without_overturning_gives_a_lower_bound(tmp_path, statistic, l
         values = searched_values(np.array(factors), np.zeros(2), 10.0, entry, texts=("", ""), names=names)
         value, _, _ = statistic_of(values, statistic, True)
         assert any(values.unanswered) == (not is_decided and value >= limit)
+
+
+def faked_search(monkeypatch, factors, finished_to, margin):
+    """Replace the scan and the scenes above its boundaries; `margin`: function of the factors."""
+    found = np.flatnonzero(np.isfinite(factors))
+    crossings = Crossings(found, np.array(factors)[found], found >= 0, found)
+    scan = SimpleNamespace(crossings=crossings, finished_to=np.array(finished_to))
+    monkeypatch.setattr(scales, "scan", lambda *_, **__: scan)
+    monkeypatch.setattr(scales, "margins", lambda _, x, y, options: (margin(y), np.zeros(y.size), None))
+
+
+@pytest.mark.parametrize(
+    ("factor", "finished_to", "limit", "result"),
+    [
+        (np.inf, 6.1, 1.5, "PASS"),
+        (np.inf, 6.1, 7.0, "UNDECIDED"),
+        (4.0, 0.99, 2.0, "UNDECIDED"),
+        (4.0, 0.99, 5.0, "FAIL"),
+        (4.0, 3.0, 2.0, "PASS"),
+        (4.0, 10.0, 2.0, "PASS"),
+    ],
+)
+def test_scenes_that_did_not_finish_end_the_search(tmp_path, monkeypatch, factor, finished_to, limit, result):
+    """A lower factor may overturn the columns, so only the range below the first such scene is certain."""
+    problem = read(tmp_path, SCALE.replace("1.5", str(limit)))
+    faked_search(monkeypatch, [factor, np.inf], [finished_to, 10.0], lambda y: np.full(y.shape, -1.0))
+    scenes, (entry,), tested = Scenes(problem, Store(), {}), problem.checks, []
+    values = KINDS[entry.kind].values(entry, scenes)
+    value, error, _ = statistic_of(values, "max", True)
+    assert decide(utilisations_of(value, error, limit, True), any(values.unanswered), False) == result
+    assert values.texts == (
+        "" if np.isfinite(factor) else "no overturning up to 6.1",
+        "no overturning up to 10",
+    )
+    assert set(values.unanswered) <= {"", UNFINISHED, "the limit is beyond the searched range"}
+    monkeypatch.setattr(Scenes, "peaks_with_factors", lambda *arguments: tested.append(arguments[-1]))
+    KINDS[entry.kind].tested_scenes(entry, scenes)
+    assert tested[0] == pytest.approx([min(factor, finished_to) if factor > 9 else factor, 10.0], rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("unfinished", "expected"),
+    [((3.0, 3.0), [2.5, 3.2, 4.0]), ((2.7, 3.5), [2.5, np.nan, 2.7]), ((2.1, 3.5), [np.nan, np.nan, 2.1])],
+)
+def test_windows_end_before_scenes_that_did_not_finish(tmp_path, monkeypatch, unfinished, expected):
+    """The columns survive between the factors 2.5 and 3.2."""
+
+    def margin(y):
+        outcome = np.where((y >= 2.5) & (y < 3.2), 0.5, -0.5)
+        return np.where((y >= unfinished[0]) & (y < unfinished[1]), np.nan, outcome)
+
+    faked_search(monkeypatch, [2.0, np.inf], [10.0, 10.0], margin)
+    windows = least_factors(Scenes(read(tmp_path, SCALE), Store(), {}), "pulses", "overturning")
+    names = ("survives_from", "overturns_again_from", "window_end")
+    found = np.array([windows[name] for name in names])
+    assert found[:2, 0] == pytest.approx(expected[:2], rel=1e-9, nan_ok=True)
+    assert expected[2] - 0.3 < found[2, 0] <= expected[2]
+    assert np.all(np.isnan(found[:, 1]))
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.* scenes did not finish:RuntimeWarning")
+def test_motions_whose_vertical_component_carries_the_weight(tmp_path):
+    """From the factor g/(0.8 · 2 m/s²) = 6.13, scenes do not finish."""
+    motion = 'kind = "one-sine"\na_p = 2.0\nT_p = 0.05\nvertical_ratio = 0.8'
+    file = FILE.replace('kind = "ricker"\na_p = [2.5, 3.5]\nT_p = 1.0', motion)
+    (check,) = evaluate(read(tmp_path, SCALE, file), skip=("spread",)).checks
+    assert (check.result, check.text) == ("PASS", "no overturning up to 6.13")
+
+
+def test_amplitudes_of_pulses_below_which_scenes_did_not_finish(tmp_path, monkeypatch):
+    for scale, width, limit, result in (
+        (3.0, 1.0, 2.0, "UNDECIDED"),
+        (3.0, 1.0, 4.0, "FAIL"),
+        (np.inf, 1.0, 2.0, "UNDECIDED"),
+        (3.0, 1e-3, 2.0, "PASS"),
+    ):
+        problem = read(tmp_path, PULSES.replace("0.1\nunit", f"{limit / 9.80665}\nunit"))
+        boundary = SimpleNamespace(scale=scale, certain_width=width)
+        monkeypatch.setattr(searches, "acceleration_boundary", lambda *_, y=boundary, **__: y)
+        (entry,) = problem.checks
+        values = KINDS[entry.kind].values(entry, Scenes(problem, Store(), {}))
+        value, error, _ = statistic_of(values, "max", True)
+        assert decide(utilisations_of(value, error, limit, True), any(values.unanswered), False) == result
+        assert values.texts[0] in ("", "no overturning in the scenes that finished")
+
+
+def test_capacities_below_which_scenes_did_not_finish(tmp_path, monkeypatch):
+    """The first motion is certain, the second has unfinished scenes below its capacity, the third above, and
+    the fourth between the levels."""
+    result = np.zeros((4, 3), int)
+    result[1, 1] = result[2, 2] = NAMES.index("out_of_steps")
+    analysis = xarray.Dataset(
+        {
+            "result": (("record", "intensity"), result),
+            "capacity": ("record", [3.5, 3.5, 2.5, np.nan]),
+            "certain_width": ("record", [4e-4, 4e-4, 4e-4, 1.0]),
+            "measure": ("record", [1.0, 2.0, 1.0, 1.0]),
+        },
+        coords={"intensity": [1.0, 2.0, 4.0]},
+    )
+    curve = risk._with_search(xarray.Dataset({"median_capacity": 3.0}), analysis)
+    assert curve["is_open"].values.tolist() == [False, True, False, True]
+    np.testing.assert_array_equal(curve["scale"], [3.5, 1.75, 2.5, np.nan])
+    np.testing.assert_array_equal(curve["largest_scale"], [4.0, 0.5, 2.0, 4.0])
+    (entry,) = read(tmp_path, '[[checks]]\nkind = "median-capacity"\nat_least = 1.5\n').checks
+    monkeypatch.setattr(risk.FragilityKind, "curve", lambda *_: curve)
+    assert KINDS[entry.kind].values(entry, None).unanswered == ("", UNFINISHED, "", UNFINISHED)
+
+
+def test_a_set_whose_checks_need_no_outputs(tmp_path):
+    (check,) = evaluate(read(tmp_path, '[[checks]]\nkind = "no-overturning"\n'), skip=("spread",)).checks
+    assert check.result == "PASS"
 
 
 STORIES = """

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rockjax._boundaries.margin import DEFAULT_WIDTH
 from rockjax._lognormal import Lognormal
 from rockjax._motions.intensity import SA_LABEL
 from rockjax._problem import models
@@ -25,6 +26,7 @@ from rockjax._report.scenes import Scenes
 from rockjax._report.store import fingerprint
 from rockjax._report.tables import Column, Table, TextCell
 from rockjax._report.units import kind_of_unit
+from rockjax._results import did_not_finish
 from rockjax._risk.annual import MIN_EXTRAPOLATED, annual_frequency
 from rockjax._risk.gaussian import Envelope, GaussianMotion
 from rockjax._risk.hazard import Hazard
@@ -33,6 +35,7 @@ from rockjax._structures import Podium
 from rockjax._units import unit_of_measure
 
 from .base import Kind, Values, one_value, unanswered_scenes
+from .searches import ROUNDING_ALLOWANCE, UNFINISHED
 
 if TYPE_CHECKING:
     import xarray
@@ -55,9 +58,10 @@ class FragilityKind(Kind):
         return kind_of_unit(unit_of_measure(measure_of_file(file)[0]))
 
     def curve(self, entry: Entry, scenes: Scenes) -> Any:
-        """Return the result of `rockjax.fragility` for the set, with two more variables along `record`.
+        """Return the result of `rockjax.fragility` for the set, with three more variables along `record`.
         `scale` is the least factor on each motion that overturns the columns. `largest_scale` is the largest
-        searched factor."""
+        searched factor below the first scene that did not finish. `is_open` is True if scenes below the
+        capacity did not finish."""
         problem, motions = scenes.problem, scenes.motion_set(str(entry.motions))
         measure = entry.arguments["measure"]
         settings = problem.fragility.model_dump(), measure
@@ -70,7 +74,8 @@ class FragilityKind(Kind):
 
     def values(self, entry: Entry, scenes: Scenes, law: str | None = None, variation: str = "") -> Values:
         del law, variation
-        return one_value(float(self.curve(entry, scenes)["median_capacity"]))
+        curve = self.curve(entry, scenes)
+        return one_value(float(curve["median_capacity"]), unanswered=_unfinished_records(curve))
 
     def tested_scenes(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
         curve = self.curve(entry, scenes)
@@ -157,7 +162,10 @@ class AnnualKind(FragilityKind):
     def values(self, entry: Entry, scenes: Scenes, law: str | None = None, variation: str = "") -> Values:
         del law, variation
         remark = "" if entry.motions else f"curve of [risk], {UNTESTED}"
-        return one_value(float(self._annual(entry, scenes)["frequency"]), remark=remark)
+        unanswered = _unfinished_records(self.curve(entry, scenes)) if entry.motions else ()
+        return one_value(
+            float(self._annual(entry, scenes)["frequency"]), unanswered=unanswered, remark=remark
+        )
 
     def tested_scenes(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
         return super().tested_scenes(entry, scenes) if entry.motions else None
@@ -339,8 +347,28 @@ def _fragility(scenes: Scenes, name: str, named_measure: tuple[str, float | None
         progress=scenes,
     )
     curve = fragility(analysis, method=settings.method, confidence=settings.confidence)
-    ends = {"scale": analysis["capacity"].values, "largest_scale": np.asarray(levels)[-1]}
-    return curve.assign({name: ("record", y / np.asarray(measure.values)) for name, y in ends.items()})
+    return _with_search(curve, analysis)
+
+
+def _with_search(curve: xarray.Dataset, analysis: xarray.Dataset) -> xarray.Dataset:
+    """Return a fragility curve with the variables that `FragilityKind.curve` adds.
+
+    - `curve`, `analysis`: the curve, and the incremental dynamic analysis to which it was fitted
+    """
+    levels, capacity = analysis["intensity"].values, analysis["capacity"].values
+    is_finished = ~did_not_finish(analysis["result"].values)
+    count = np.logical_and.accumulate(is_finished, axis=1).sum(axis=1)
+    below = levels < np.where(np.isnan(capacity), np.inf, capacity)[:, None]
+    allowed = ROUNDING_ALLOWANCE * DEFAULT_WIDTH * levels[-1]
+    is_open = np.any(~is_finished & below, axis=1) | (analysis["certain_width"].values > allowed)
+    ends = {"scale": capacity, "largest_scale": np.append(0.0, levels)[count]}
+    ends = {name: y / analysis["measure"].values for name, y in ends.items()} | {"is_open": is_open}
+    return curve.assign({name: ("record", y) for name, y in ends.items()})
+
+
+def _unfinished_records(curve: Any) -> tuple[str, ...]:
+    """Return for each motion of a fragility curve the reason why its capacity is not certain, or ""."""
+    return tuple(np.where(curve["is_open"].values.astype(bool), UNFINISHED, "").tolist())
 
 
 def _numbers_of(curve: Any) -> list[float]:

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import jax.numpy as jnp
 import numpy as np
 
-from rockjax._boundaries.boundary import MAX_ACCELERATION_RATIO, overturning_acceleration
+from rockjax._boundaries.boundary import MAX_ACCELERATION_RATIO, Boundary, acceleration_boundary
+from rockjax._boundaries.margin import DEFAULT_WIDTH
 from rockjax._excitations.pulses import PULSES
 from rockjax._problem import models
 from rockjax._problem.models import require_one
@@ -40,20 +41,32 @@ from .base import Kind, Values, statistic_of
 if TYPE_CHECKING:
     import xarray
 
+UNFINISHED = "scenes at lower factors did not finish"
+# If `rockjax.Boundary.certain_width` exceeds the requested width by more than this factor, the cause is not
+# rounding, but scenes that did not finish.
+ROUNDING_ALLOWANCE = 1.01
+
 
 def searched_values(
-    values: np.ndarray, errors: np.ndarray, end: float, entry: Entry, **fields: Any
+    values: np.ndarray,
+    errors: np.ndarray,
+    end: float | np.ndarray,
+    entry: Entry,
+    is_open: np.ndarray | None = None,
+    **fields: Any,
 ) -> Values:
     """Return the `Values` of a search.
 
     - `values`, `errors`: fields of `Values`, (n,); a value is inf if the search found nothing
-    - `end`: largest searched value, in the unit of the values. A value of inf is only known to exceed `end`.
-      If the statistic satisfies the limit with inf, but violates it with `end` in place of inf, these values
-      count as unanswered
+    - `end`: largest searched value, in the unit of the values; a number or (n,). A value of inf is only known
+      to exceed `end`, and so is a value that `is_open`. If the statistic satisfies the limit with these
+      values, but violates it with `end` in their place, they count as unanswered
     - `entry`: the entry of the check
+    - `is_open`: whether scenes below each value did not finish, (n,); None for no such value
     - `fields`: other fields of `Values`
     """
     is_missing = ~np.isfinite(values)
+    is_open = np.zeros(values.shape, bool) if is_open is None else is_open
     result = Values(
         values,
         errors,
@@ -64,12 +77,12 @@ def searched_values(
     )
     greatest, least = (
         statistic_of(result._replace(values=y), entry.keys.statistic, True)[0]
-        for y in (values, np.where(is_missing, end, values))
+        for y in (values, np.where(is_missing | is_open, end, values))
     )
     if not greatest >= entry.limit > least:
         return result
-    reason = "the limit is beyond the searched range"
-    return result._replace(unanswered=tuple(reason if missing else "" for missing in is_missing))
+    reasons = np.where(is_missing, "the limit is beyond the searched range", "")
+    return result._replace(unanswered=tuple(np.where(is_open, UNFINISHED, reasons).tolist()))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,18 +99,22 @@ class ScaleKind(Kind):
         del law, variation
         data = least_factors(scenes, str(entry.motions), self.event)
         values = np.asarray(data["factor"], float)
-        end = float(data.attrs["limit"])
-        texts = tuple("" if np.isfinite(y) else f"no {self.event} up to {end:.3g}" for y in values)
+        ends, is_open = data["end"].values, data["is_open"].values.astype(bool)
+        texts = tuple(
+            "" if np.isfinite(y) else f"no {self.event} up to {end:.3g}"
+            for y, end in zip(values, ends, strict=True)
+        )
         names = scenes.motion_set(str(entry.motions)).names
         errors = np.asarray(data["error"], float)
-        return searched_values(values, errors, end, entry, texts=texts, names=names)
+        return searched_values(values, errors, ends, entry, is_open, texts=texts, names=names)
 
     def slopes_function(self, entry: Entry, scenes: Scenes, case: int) -> SlopesFunction | None:
         return least_factor_slopes(scenes, self.event, str(entry.motions), case)
 
     def tested_scenes(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
         name = str(entry.motions)
-        factors = just_below(least_factors(scenes, name, self.event)["factor"].values)
+        data = least_factors(scenes, name, self.event)
+        factors = just_below(data["factor"].values, data["end"].values)
         return scenes.peaks_with_factors(f"boundary.{name}.{self.event}", name, factors)
 
 
@@ -126,6 +143,7 @@ class PulseKind(Kind):
         defaults = {
             "options": boundary_options(scenes.problem),
             "max_acceleration_ratio": MAX_ACCELERATION_RATIO,
+            "width": DEFAULT_WIDTH,
         }
         return defaults | given
 
@@ -134,9 +152,10 @@ class PulseKind(Kind):
         `ratio`, otherwise 1."""
         return g_tan_alpha(podium.alpha, podium.g) if entry.arguments.get("ratio") else jnp.ones(())
 
-    def _amplitudes(self, entry: Entry, scenes: Scenes) -> np.ndarray:
-        """Return the least overturning amplitude for each period, in the unit of the limit. The amplitude is
-        inf if no searched amplitude overturns the columns."""
+    def _amplitudes(self, entry: Entry, scenes: Scenes) -> xarray.Dataset:
+        """Return a dataset along `pulse`: the least overturning `amplitude` for each period, in the unit of
+        the limit, and whether the search `is_open` because scenes at lower amplitudes did not finish. The
+        amplitude is inf if no searched amplitude overturns the columns."""
         import xarray
 
         podium = scenes.problem.podium
@@ -144,41 +163,57 @@ class PulseKind(Kind):
 
         def solve() -> xarray.Dataset:
             cases = range(np.size(entry.arguments["T_p"]))
-            amplitudes = [float(self._amplitude(entry, scenes, k, podium)) for k in cases]
-            return xarray.Dataset({"amplitude": ("pulse", amplitudes)})
+            found = [self._boundary(entry, scenes, k, podium) for k in cases]
+            settings, unit = self._settings(entry, scenes), float(self._unit(entry, podium))
+            width = settings["width"] * settings["max_acceleration_ratio"]
+            allowed = ROUNDING_ALLOWANCE * width * float(g_tan_alpha(podium.alpha, podium.g))
+            data = {"amplitude": [float(y.scale) / unit for y in found]}
+            data["is_open"] = [float(y.certain_width) > allowed for y in found]
+            return xarray.Dataset({name: ("pulse", y) for name, y in data.items()})
 
-        return scenes.store.get(f"pulses.{entry.id}", inputs_hash, solve)["amplitude"].values
+        return scenes.store.get(f"pulses.{entry.id}", inputs_hash, solve)
 
     def values(self, entry: Entry, scenes: Scenes, law: str | None = None, variation: str = "") -> Values:
         del law, variation
-        amplitudes = self._amplitudes(entry, scenes)
+        data = self._amplitudes(entry, scenes)
+        amplitudes, is_open = data["amplitude"].values, data["is_open"].values.astype(bool)
         end = self._settings(entry, scenes)["max_acceleration_ratio"]
-        texts = tuple("" if np.isfinite(y) else f"no overturning up to {end:g} g tan α" for y in amplitudes)
+        where = np.where(is_open, "in the scenes that finished", f"up to {end:g} g tan α")
+        texts = tuple(
+            "" if np.isfinite(y) else f"no overturning {y_where}"
+            for y, y_where in zip(amplitudes, where, strict=True)
+        )
         pulse = entry.arguments["pulse"].__name__
         names = tuple(f"{pulse}, T_p = {y:.4g} s" for y in np.atleast_1d(entry.arguments["T_p"]))
         errors = np.where(np.isfinite(amplitudes), amplitudes * BOUNDARY_ERROR, np.nan)
         podium = scenes.problem.podium
         largest = end * float(g_tan_alpha(podium.alpha, podium.g) / self._unit(entry, podium))
-        return searched_values(amplitudes, errors, largest, entry, texts=texts, names=names)
+        ends = np.where(is_open, 0.0, largest)
+        return searched_values(amplitudes, errors, ends, entry, is_open, texts=texts, names=names)
 
     def slopes_function(self, entry: Entry, scenes: Scenes, case: int) -> SlopesFunction:
-        return slopes_of(scenes.problem, lambda podium, logs: self._amplitude(entry, scenes, case, podium))
+        def amplitude(podium: Podium, logs: Any) -> Value:
+            del logs
+            return self._boundary(entry, scenes, case, podium).scale / self._unit(entry, podium)
 
-    def _amplitude(self, entry: Entry, scenes: Scenes, case: int, podium: Podium) -> Value:
-        """Return the least overturning amplitude of a pulse, in the unit of the limit.
+        return slopes_of(scenes.problem, amplitude)
+
+    def _boundary(self, entry: Entry, scenes: Scenes, case: int, podium: Podium) -> Boundary:
+        """Return the boundary of overturning under a pulse, whose scale is the least amplitude [m/s²].
 
         - `entry`, `scenes`: the entry, and the scenes of the problem
         - `case`: index of the pulse; `podium`: the structure
         """
         period = float(np.atleast_1d(entry.arguments["T_p"])[case])
         settings, pulse = self._settings(entry, scenes), entry.arguments["pulse"]
-        return overturning_acceleration(podium, pulse, period, **settings) / self._unit(entry, podium)
+        return acceleration_boundary(podium, pulse, period, **settings)
 
     def tested_scenes(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
         podium = scenes.problem.podium
         end = self._settings(entry, scenes)["max_acceleration_ratio"]
         largest = end * float(g_tan_alpha(podium.alpha, podium.g))
-        amplitudes = just_below(self._amplitudes(entry, scenes) * float(self._unit(entry, podium)), largest)
+        amplitudes = self._amplitudes(entry, scenes)["amplitude"].values * float(self._unit(entry, podium))
+        amplitudes = just_below(amplitudes, largest)
         pulse = entry.arguments["pulse"]
         periods = np.atleast_1d(entry.arguments["T_p"])
         pulses = [pulse(float(a), float(T)) for a, T in zip(amplitudes, periods, strict=True)]

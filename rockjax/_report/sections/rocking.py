@@ -12,7 +12,7 @@ from rockjax._report.cells import number_cell, peak_cell, slug, unanswered_cell
 from rockjax._report.kinds import KINDS
 from rockjax._report.kinds.peaks import deck_displacement
 from rockjax._report.pictures import to_svg
-from rockjax._report.scales import MAX_SCALE, least_factors
+from rockjax._report.scales import least_factors
 from rockjax._report.tables import Column, Quantity, Table, TextCell
 from rockjax._report.units import Units
 
@@ -80,8 +80,8 @@ def _table(evaluation: Evaluation, name: str) -> Table:
         row: list[Any] = [TextCell(label), *answers]
         if windows is not None:
             factor = float(windows["factor"][k])
-            text = f"none up to {2 * factor:.3g}" if np.isfinite(factor) else "none"
-            row.append(number_cell(factor, "number", text=f"none up to {MAX_SCALE:g}"))
+            text = f"none up to {float(windows['window_end'][k]):.3g}" if np.isfinite(factor) else "none"
+            row.append(number_cell(factor, "number", text=f"none up to {float(windows['end'][k]):.3g}"))
             row += [number_cell(float(windows[y][k]), "number", text=text) for y in list(WINDOW_COLUMNS)[1:]]
         rows.append(tuple(row))
     governing = governing_motion(data, "peak_rotation")
