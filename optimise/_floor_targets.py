@@ -10,6 +10,7 @@ import equinox as eqx
 import jax.numpy as jnp
 
 import rockjax as rj
+from rockjax._checks import require
 from rockjax.internal import format_value
 
 from ._peak_targets import limited_by_overturning
@@ -73,7 +74,8 @@ class ContentsRotation(AbstractFloorTarget):
     """Contents of floors (blocks that may rock) rotate by at most `limit`·α_c under every motion.
 
     - `limit`: 0 < limit < 1 [–]; `excitations`: a motion or a list of motions
-    - `contents`: one or several [`rockjax.Contents`][]; `name`: name in reports; None for a description
+    - `contents`: one or several [`rockjax.Contents`][] with `overturn_ratio` ≤ 1; `name`: name in reports;
+      None for a description
 
     A block with rotation φ and slenderness α_c [rad] has the margin (limit − s)/limit with s = max|φ|/α_c. If
     the block overturns, s = 1 − M, where M < 0 is the overturning margin of the block. If the columns
@@ -91,6 +93,9 @@ class ContentsRotation(AbstractFloorTarget):
         self.limit = require_limit(owner, "limit", limit, below=1)
         self.suite, self.name = Suite.of(excitations, owner), name
         self.systems = _as_tuple(owner, "contents", rj.Contents, contents)
+        for block in self.systems:
+            accepted = "<= 1, because blocks have no margin beyond α_c"
+            require(owner, "overturn_ratio of contents", block.overturn_ratio, lambda v: v <= 1, accepted)
 
     def limited_value(self, answer: rj.ContentsAnswer) -> Values:
         return jnp.where(answer.overturned, 1 - answer.margin, answer.peak_rotation)

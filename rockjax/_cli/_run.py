@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import inspect
 import logging
@@ -247,8 +248,9 @@ def configure_jax(console: Console) -> None:
         # process, but the process runs only this command. Each version of rockjax has its own folder in this
         # cache. With a common folder, JAX would load programs that another version has compiled, and rockjax
         # can store only programs that are compiled in this process.
-        jax.config.update("jax_compilation_cache_dir", str(store.root() / "jax" / key.source_hash()[:16]))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+        with contextlib.suppress(key.NoKeyError):
+            jax.config.update("jax_compilation_cache_dir", str(store.root() / "jax" / key.source_hash()[:16]))
+            jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
     if console.quiet:
         logging.getLogger("rockjax").setLevel(logging.ERROR)
     if console.verbose:

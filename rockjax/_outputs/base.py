@@ -62,7 +62,7 @@ def worst_component(name: str, values: np.ndarray) -> np.ndarray:
     return values.min(axis=-1) if name.startswith("least") else values.max(axis=-1)
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class AbstractOutput:
     """An output of a scene. To define an output, subclass this class, set the class attributes, and define
     the method `quantity`:
@@ -78,6 +78,9 @@ class AbstractOutput:
     quantity is the horizontal velocity 2R θ̇ cos ψ of the beam relative to the ground, with ψ = σα − θ. The
     answer is the largest absolute value of the quantity in the scene. It can be differentiated. For other
     forms of answers, override `over_step`, `at_impact`, `update` or `answer`.
+
+    Outputs of one class are equal if their attributes are equal; equal outputs share compiled programs. An
+    output with an attribute that has no hash, such as an array, equals only itself.
 
     Further methods save time:
 
@@ -113,6 +116,12 @@ class AbstractOutput:
     follows_impacts: ClassVar[bool] = False
     of_joints: ClassVar[bool] = False
     needs_simple_contact: ClassVar[bool] = False
+
+    def __eq__(self, other: object) -> bool:
+        return self is other or (type(self) is type(other) and _identity(self) == _identity(other))
+
+    def __hash__(self) -> int:
+        return hash((type(self), _identity(self)))
 
     @property
     def variables(self) -> tuple[Variable, ...]:
@@ -207,6 +216,16 @@ class AbstractOutput:
         """Return whether this class overrides `method`, which is "over_rest", "over_sample" or
         "over_bounces"."""
         return getattr(type(self), method) is not getattr(AbstractOutput, method)
+
+
+def _identity(output: AbstractOutput) -> Any:
+    """Return the attributes of an output, sorted by name; the `id` of the output if one has no hash."""
+    attributes = tuple(sorted(vars(output).items(), key=lambda item: item[0]))
+    try:
+        hash(attributes)
+    except TypeError:
+        return id(output)
+    return attributes
 
 
 class AbstractEventOutput(AbstractOutput):

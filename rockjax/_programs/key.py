@@ -14,6 +14,7 @@ import hashlib
 import os
 import platform
 import sys
+import time
 from collections.abc import Callable, Iterable
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -31,6 +32,7 @@ _FOLDERS_WITHOUT_PROGRAMS = ("_cli", "plots")  # folders whose source affects no
 _PROCESSOR = ("vendor_id", "cpu family", "model", "model name", "stepping", "flags", "features", "cpu part")
 # JAX's settings are ignored if their name contains one of these words.
 _IGNORED_SETTINGS = ("cache", "log", "dump", "traceback", "profil", "hash")
+_IMPORTED = time.time()  # a source file with a later time may differ from the code of this process
 
 
 class NoKeyError(Exception):
@@ -39,7 +41,8 @@ class NoKeyError(Exception):
 
 class TracedFunction:
     """A user-defined function that has a key: the text of the lowered program of the function and its
-    derivative.
+    derivative. A function that calls Python (`jax.pure_callback`) has no key, because the text does not
+    contain the called function; it equals only itself.
 
     - `function`: the function
     - `examples`: example arguments for lowering, pytrees of arrays or of `jax.ShapeDtypeStruct`. The function
@@ -57,10 +60,17 @@ class TracedFunction:
         return self.function(*arguments)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, TracedFunction) and self.text == other.text
+        if self is other:
+            return True
+        return isinstance(other, TracedFunction) and self.text == other.text and not calls_python(self.text)
 
     def __hash__(self) -> int:
         return hash(self.text)
+
+
+def calls_python(text: str) -> bool:
+    """Return whether the text of a lowered program contains a call of a Python function."""
+    return "callback" in text
 
 
 def describe(value: Any) -> str:
@@ -68,6 +78,8 @@ def describe(value: Any) -> str:
     if value is None:
         return "None"
     if isinstance(value, TracedFunction):
+        if calls_python(value.text):
+            raise NoKeyError(f"{value.function!r} calls Python")
         return f"traced:{value.text}"
     if isinstance(value, type | FunctionType):
         return _qualified_name(value)
@@ -76,16 +88,16 @@ def describe(value: Any) -> str:
     if isinstance(value, jax.tree_util.PyTreeDef):
         return _structure(value)
     name = _qualified_name(type(value))
-    if isinstance(value, bool | int | float | complex | str | bytes):
+    if isinstance(value, bool | int | float | complex | str | bytes | np.generic):
         return f"{name}:{value!r}"
     if isinstance(value, tuple | list | frozenset):
         parts = map(describe, value)
         return f"{name}({','.join(sorted(parts) if isinstance(value, frozenset) else parts)})"
     if isinstance(value, dict):
         return f"{name}({','.join(f'{describe(k)}={describe(v)}' for k, v in value.items())})"
-    if getattr(value, "__dict__", None) or any(
-        getattr(base, "__slots__", ()) for base in type(value).__mro__
-    ):
+    # Only classes that are written in Python have `__dict__`; others, such as `range`, may hide fields.
+    has_slots = any(getattr(base, "__slots__", ()) for base in type(value).__mro__)
+    if type(value) is not object and (getattr(value, "__dict__", None) != {} or has_slots):
         raise NoKeyError(f"{value!r}")
     return f"{name}()"  # an object without fields
 
@@ -153,7 +165,8 @@ def _describe_versions() -> str:
 @functools.cache
 def source_hash() -> str:
     """Return a hash of the source and the JSON tables of `rockjax` and `optimise`, except the folders
-    `_FOLDERS_WITHOUT_PROGRAMS`. Raises `NoKeyError` if a package has no source files."""
+    `_FOLDERS_WITHOUT_PROGRAMS`. Raises `NoKeyError` if a package has no source files, or if a file was
+    changed after this process had imported rockjax."""
     digest = hashlib.sha256()
     for package in _OWN_PACKAGES:
         spec = find_spec(package)
@@ -164,6 +177,8 @@ def source_hash() -> str:
         for file in sorted([*folder.rglob("*.py"), *folder.glob("*/*.json")]):
             path = file.relative_to(folder)
             if path.parts[0] not in _FOLDERS_WITHOUT_PROGRAMS:
+                if file.stat().st_mtime > _IMPORTED:
+                    raise NoKeyError(f"{file} was changed during this process")
                 digest.update(f"{package}/{path.as_posix()}\0".encode())
                 digest.update(file.read_bytes())
     return digest.hexdigest()

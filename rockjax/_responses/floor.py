@@ -47,6 +47,7 @@ DEGREE = 7  # degree of the polynomials of accelerations
 # this.
 MAX_LAST_COEFFICIENT = 1e-8
 MAX_HALVINGS = 12  # largest number of times that a piece is halved
+REST_AFTER_END = 0.01  # time p·t after the last event of a rigid podium at which it is still evaluated
 # A ground motion is divided into at least this many pieces, because a single step in full contact may cover
 # the whole motion.
 MOTION_PIECES = 64
@@ -406,15 +407,15 @@ class FloorMotion(Module):
         """Return the time up to which the motion of the floor can be evaluated [s].
 
         This time is the end of the scene, except for a rigid podium that rests for good. For such a podium it
-        is the end of the scene or `end` [s], whichever is later; `end` is by default the end of the ground
-        motion.
+        is `end` [s] or, if later, a time shortly after the end of the scene, so that an impact that ends the
+        scene is included. `end` is by default the end of the ground motion.
         """
         scene_end = float(self.end_time)
         if np.isfinite(self._limit):
             return scene_end
         if end is None:
             end = float(np.asarray(breakpoints_and_support(self.excitation)[1][1]))
-        return max(scene_end, float(end))
+        return max(scene_end + REST_AFTER_END / float(self.podium.p), float(end))
 
     def load(self, direction: str = "horizontal", end: float | None = None) -> Load:
         """Return the motion as the load of oscillators, (L7): polynomials of the acceleration in pieces of

@@ -20,7 +20,8 @@ class ContentsAnswer(Module):
     - `peak_rotation`: max|φ|/α_c, at most the `overturn_ratio` of the block [–]; `peak_rotation_time`: time
       at which this rotation is first reached [s]
     - `margin`: overturning margin of the block [–], as in [`rockjax.Peak`][]: 1 if the block never rocks,
-      negative if it overturns
+      negative if it overturns; NaN if the `overturn_ratio` of the block is above 1, because a block that is
+      rotated beyond α_c may still return
     - `uplifted`: True if the block rocks; `uplift_time`: time at which it first starts to rock [s], NaN if it
       never rocks; `started_by_impulse`: True if an impact of the structure started
       the block

@@ -103,11 +103,12 @@ def _rock(
     joints, impacts = floats["peak_friction"][BOTTOM], integers["impacts"]
     at_impacts = jnp.where(impacts > 0, solitary.impact_friction[BOTTOM], 0.0)
     demand = jnp.maximum(jnp.maximum(joints, floats["jolt_friction"]), at_impacts)
-    names = "peak_rotation", "peak_rotation_time", "margin", "uplift_time", "overturn_time"
+    # A block beyond its stability angle α_c may still return, so there is no margin beyond this angle.
+    margin = jnp.where(block.overturn_ratio > 1, jnp.nan, floats["margin"])
+    names = "peak_rotation", "peak_rotation_time", "uplift_time", "overturn_time"
     started = floats["started_by_impulse"] > 0
-    return {name: floats[name] for name in names} | {"friction_demand": demand}, integers | {
-        "started_by_impulse": started
-    }
+    answers_of_block = {name: floats[name] for name in names} | {"margin": margin, "friction_demand": demand}
+    return answers_of_block, integers | {"started_by_impulse": started}
 
 
 def _vibrate(

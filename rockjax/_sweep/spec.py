@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import inspect
+import re
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
@@ -17,6 +18,7 @@ import numpy as np
 from rockjax._checks import as_strings, format_value, require_instance
 from rockjax._motions.convert import as_batch
 from rockjax._options import Options
+from rockjax._outputs.base import AbstractOutput
 from rockjax._parameters.registry import variable_attributes
 from rockjax._responses.arguments import as_end, as_start, check_range, check_types
 from rockjax._responses.datasets import describe_versions
@@ -66,7 +68,7 @@ class SweepSpec(NamedTuple):
                 name: y if isinstance(y, str) else repr(_to_python_number(y)) for name, y in values.items()
             },
             "sensitivities": list(self.sensitivities),
-            "user_outputs": [_source_digest(type(y)) for y in self.options.outputs if not isinstance(y, str)],
+            "user_outputs": [_output_digest(y) for y in self.options.outputs if not isinstance(y, str)],
         }
         if user_classes := self._user_classes():
             entries["user_classes"] = user_classes
@@ -104,6 +106,19 @@ def _source_digest(user_class: type) -> str:
             with contextlib.suppress(OSError, TypeError):
                 sources.append(inspect.getsource(base))
     return fingerprint({"source": sources}) if sources else ""
+
+
+def _output_digest(output: AbstractOutput) -> str:
+    """Return the source digest of the class of a user's output, followed by its attributes if it has any."""
+    attributes = [f" {name}={_attribute_text(y)}" for name, y in sorted(vars(output).items())]
+    return _source_digest(type(output)) + "".join(attributes)
+
+
+def _attribute_text(value: Any) -> str:
+    """Return a text that is the same in every process for equal attributes of an output."""
+    if isinstance(value, jax.Array | np.ndarray):
+        return digest(np.asarray(value))
+    return re.sub(r" at 0x[0-9a-fA-F]+", "", repr(value))  # addresses differ between processes
 
 
 def _to_python_number(y: Any) -> Any:

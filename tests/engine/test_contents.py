@@ -317,7 +317,7 @@ def test_derivatives_with_respect_to_samples_agree_with_differences():
 def test_nothing_acts_back_and_batches_agree_with_single_scenes():
     """Fact 23: the podium's answers are bitwise identical; mirrored motions and another order change
     nothing."""
-    systems = rj.Contents(0.12, 0.4), rj.Oscillator(0.3), rj.Contents(0.4, 0.5)
+    systems = rj.Contents(0.12, 0.4), rj.Oscillator(0.3), rj.Contents(0.4, 0.5, overturn_ratio=1.5)
     pulses = rj.Ricker(np.array([[2.0, 3.2], [-3.2, 9.0]]), 1.0)
     batch = rj.peak_responses(FRAME, pulses, t_end=6.0, on_floors=systems)
     plain = rj.peak_responses(FRAME, pulses, t_end=6.0)
@@ -332,6 +332,8 @@ def test_nothing_acts_back_and_batches_agree_with_single_scenes():
                 np.testing.assert_allclose(a, b[index], rtol=1e-7)
     blocks = batch.on_floors[0]
     np.testing.assert_allclose(blocks.peak_rotation[1, 0], blocks.peak_rotation[0, 1], rtol=1e-9)
+    assert np.all(np.isfinite(blocks.margin))
+    assert np.all(np.isnan(batch.on_floors[2].margin))  # a block beyond α_c may still return
     assert batch.overturned[1, 1]
     assert list(blocks.until_overturning.ravel()) == [False, False, False, True]
     turned = rj.peak_responses(FRAME, pulses, t_end=6.0, on_floors=systems[::-1])  # the same program

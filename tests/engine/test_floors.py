@@ -222,6 +222,18 @@ def test_records_of_floors_keep_velocity_and_displacement(frame, direction):
     assert place == pytest.approx(float(deck.displacement(end)) + ground.displacement[-1], abs=1e-6)
 
 
+def test_the_impact_that_ends_a_scene_is_part_of_loads_and_records():
+    podium, initial = rj.Podium(0.2, 1.0, gamma=1.0, restitution=0.0), rj.State(theta=0.1)
+    deck = rj.simulate(podium, rj.Rest(), initial=initial).floor()
+    record, vertical = deck.to_record(0.01), deck.to_record(0.01, "vertical")
+    # The deck starts and ends at rest.
+    assert 0.01 * float(record.acceleration.sum()) == pytest.approx(0.0, abs=1e-8)
+    assert 0.01 * float(vertical.acceleration.sum()) == pytest.approx(0.0, abs=1e-8)
+    kick = np.abs(deck.load().kick).max()
+    assert kick == pytest.approx(deck.peak_velocity_jump, rel=1e-12)
+    assert kick > 0.1
+
+
 def test_floors_work_under_jit():
     def jumps(theta):
         scene = rj.simulate(

@@ -175,6 +175,30 @@ class PeakVelocityJump(rj.AbstractOutput):
 OWN = rj.Options(rtol=1e-10, atol=1e-12, outputs=("peak_rotation", PeakBeamSpeed(), PeakVelocityJump()))
 
 
+class ScaledRotation(rj.AbstractOutput):
+    """Largest rotation |θ| times a factor."""
+
+    name = "scaled_rotation"
+
+    def __init__(self, factor):
+        self.factor = factor
+
+    def quantity(self, moment):
+        return self.factor * jnp.abs(moment.x[0])
+
+
+def test_own_outputs_with_other_parameters_are_other_outputs():
+    podium, motion = PODIUMS["rigid"], rj.Ricker(3.2, 1.0)
+    solve = lambda output: rj.peak_response(podium, motion, options=rj.Options(outputs=(output,)))
+    once, twice = (float(solve(ScaledRotation(factor)).scaled_rotation) for factor in (1.0, 2.0))
+    assert twice == pytest.approx(2 * once, rel=1e-6) != 0
+    assert ScaledRotation(1.0) == ScaledRotation(1.0) != ScaledRotation(2.0)
+    assert len({ScaledRotation(1.0), ScaledRotation(1.0), ScaledRotation(2.0)}) == 2
+    assert PeakBeamSpeed() == PeakBeamSpeed() != PeakVelocityJump()
+    factors = np.ones(2)
+    assert ScaledRotation(factors) != ScaledRotation(factors)  # arrays have no hash
+
+
 @pytest.mark.parametrize("kind", ["rigid", "elastic"])
 def test_own_outputs_of_one_scene(kind):
     """Comparison with a dense history; the jump is (1 − e) times the speed before the impact."""

@@ -79,6 +79,10 @@ def test_bad_input_is_named():
     for make, words in (
         (lambda: optimise.ContentsRotation(1.0, SUITE, BLOCKS), "limit must be"),
         (lambda: optimise.ContentsRotation(0.5, SUITE, OSCILLATORS), "contents must be"),
+        (
+            lambda: optimise.ContentsRotation(0.5, SUITE, rj.Contents(0.2, 0.5, overturn_ratio=1.1)),
+            "overturn_ratio of contents must be <= 1",
+        ),
         (lambda: optimise.FloorSpectrum(0.0, SUITE, OSCILLATORS), "limit must be"),
         (lambda: optimise.FloorSpectrum(3.0, SUITE, ()), "oscillators must be"),
     ):

@@ -125,12 +125,31 @@ def test_modules_and_tables_of_numbers_are_source(file, tmp_path, monkeypatch):
     (copy.parent / "__init__.py").write_text("")
     for name in ("step.py", "tableaus.json"):
         (copy / name).write_text(name)
+    monkeypatch.setattr(key, "_IMPORTED", np.inf)
     spec = SimpleNamespace(origin=str(copy.parent / "__init__.py"))
     monkeypatch.setattr(key, "find_spec", lambda _: spec)
     before = key.source_hash.__wrapped__()
     assert key.source_hash.__wrapped__() == before
     (copy / file).write_text("edited")
     assert key.source_hash.__wrapped__() != before
+    written = (copy / file).stat().st_mtime
+    os.utime(copy / file, (written + 20.0, written + 20.0))
+    monkeypatch.setattr(key, "_IMPORTED", written + 10.0)
+    with pytest.raises(key.NoKeyError, match=f"{file} was changed"):  # the process may run other code
+        key.source_hash.__wrapped__()
+
+
+def test_numpy_scalars_have_their_values_as_keys():
+    for kind in (np.int64, np.bool_, np.float32):
+        assert key.describe(kind(0)) == key.describe(kind(0)) != key.describe(kind(1))
+
+
+@pytest.mark.parametrize(
+    "value", [range(3), np.sin, slice(1), np.ones(2)], ids=["range", "ufunc", "slice", "array"]
+)
+def test_objects_with_hidden_fields_have_no_key(value):
+    with pytest.raises(key.NoKeyError):
+        key.describe(value)
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid"), reason="Windows has access lists")
@@ -232,6 +251,18 @@ def test_user_functions_are_identified_by_their_computation(stored):
     assert made(2.0) == made(2.0) != made(3.0)
     held = lambda podium: 2 * jnp.tan(jax.lax.stop_gradient(podium.alpha))  # with other derivatives
     assert key.TracedFunction(held, PODIUMS["block"]) != made(2.0)
+    shape = jax.ShapeDtypeStruct((), float)
+
+    def calling(factor):
+        called = lambda alpha: np.asarray(factor * alpha)
+        outer = jax.custom_jvp(lambda podium: jax.pure_callback(called, shape, podium.alpha))
+        outer.defjvp(lambda primals, tangents: (outer(*primals), tangents[0].alpha))
+        return key.TracedFunction(outer, PODIUMS["block"])
+
+    alike = calling(2.0)
+    assert alike == alike != calling(3.0)  # Python functions do not appear in the computation
+    with pytest.raises(key.NoKeyError):
+        key.describe(alike)
     applied = StoredProgram(lambda law, x: law(x))
     for loaded, factor in ((0, 2), (0, 3), (1, 2)):
         before = COUNTS["loaded"]

@@ -856,6 +856,21 @@ def test_sweeps_have_outputs_of_users(tmp_path, monkeypatch):
         sweep(store, SMALL_GRID, outputs=changed, chunk=1)
 
 
+def test_attributes_of_outputs_of_users_make_another_sweep(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "users_output", None)
+    own = users_class(tmp_path / "a.py", BEAM_SPEED)
+
+    def identity(factor):
+        output = own()
+        output.factor = factor
+        options = OPTIONS.replace(outputs=("peak_rotation", output))
+        spec = make_spec(SMALL_GRID.structures, rj.Ricker(2.0, 1.0), None, rj.State(), None, options, None)
+        return spec.identity(ChunkLayout.from_chunk_size(spec.shape, 1))
+
+    for first, other in ((1.0, 2.0), (np.zeros(5000), np.arange(5000.0)), (object(), (1.0, "a"))):
+        assert identity(first) == identity(first) != identity(other)
+
+
 def test_changed_code_of_pulses_and_devices_of_users_is_another_sweep(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "users_output", None)
 
