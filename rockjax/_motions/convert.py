@@ -294,9 +294,12 @@ class _CheckedPulse:
 
 def make_unique(labels: Sequence[str]) -> list[str]:
     """Return the labels. Equal labels become different by a number in parentheses: a, b, a gives a (1), b,
-    a (2)."""
+    a (2). Numbers that would give a label in the list are left out."""
     total, used, unique = Counter(labels), Counter(), []
     for label in labels:
-        used[label] += 1
-        unique.append(f"{label} ({used[label]})" if total[label] > 1 else label)
+        name = label
+        while total[label] > 1 and name in total:
+            used[label] += 1
+            name = f"{label} ({used[label]})"
+        unique.append(name)
     return unique

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
+import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -54,7 +55,8 @@ def evaluate(
     if isinstance(problem, str | Path):
         problem = read_problem(problem)
     check_skip(skip)
-    return evaluate_with_store(problem, skip, Store(None if store is None else Path(store)), progress)
+    path = None if store is None else Path(os.path.expanduser(store))
+    return evaluate_with_store(problem, skip, Store(path), progress)
 
 
 def check_skip(skip: tuple[str, ...]) -> None:

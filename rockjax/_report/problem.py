@@ -116,7 +116,7 @@ class Input:
 class Problem:
     """The contents of a problem file as objects, from [`rockjax.read_problem`][].
 
-    - `path`, `sha256`: the file and the hash of its text
+    - `path`, `sha256`: the file and the hash of its bytes
     - `podium`: the structure; `inputs`: `key`, `value` and `source` of each key of `[structure]`
     - `motions`: name → set of motions, with `name`, `label`, `members` and `names`
     - `checks`: the entries of `[[checks]]` and `[[targets]]`
@@ -128,6 +128,7 @@ class Problem:
 
     path: Path
     text: str
+    sha256: str
     podium: Podium
     inputs: tuple[Input, ...]
     motions: Mapping[str, MotionSet]
@@ -140,10 +141,6 @@ class Problem:
     fragility: models.Fragility
     risk: models.Risk
     structure: models.ByRatios | models.ByDimensions
-
-    @property
-    def sha256(self) -> str:
-        return hashlib.sha256(self.text.encode()).hexdigest()
 
     def varied(self, factors: Mapping[str, Any]) -> Podium:
         """Return the structure with inputs multiplied by factors.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import hashlib
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -78,6 +79,7 @@ def problem_of(table: Mapping[str, Any], path: Path) -> Problem:
     return Problem(
         path=path,
         text=read_text(path, utf8_only=True),
+        sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
         podium=podium,
         inputs=inputs,
         motions=sets,

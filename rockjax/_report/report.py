@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -121,7 +122,7 @@ def report(
     is neither .html nor .htm. Raises `OSError` for files that cannot be written. For a PDF, print the page
     from a browser.
     """
-    path = None if output is None else Path(output)
+    path = None if output is None else Path(os.path.expanduser(output))
     if path is not None and path.suffix.lower() not in (".html", ".htm"):
         raise ValueError(
             f"report: output must be a .html file, got {path.name}; for a PDF, print the page from a browser"
@@ -148,9 +149,9 @@ def report(
     chosen = units_of(evaluation, units)
     with evaluation.scenes.store.saved_on_interruption():
         result = Report(evaluation, page_of(evaluation, chosen, command), chosen)
-    if path is None:
-        return result
-    contents = {path: result.html.encode(), path.with_suffix(".json"): result.json.encode()}
-    written = [write_atomically(name, _writer(content)) for name, content in contents.items()]
+        if path is None:
+            return result
+        contents = {path: result.html.encode(), path.with_suffix(".json"): result.json.encode()}
+        written = [write_atomically(name, _writer(content)) for name, content in contents.items()]
     saved = evaluation.scenes.store.save()
     return dataclasses.replace(result, written=(*written, *([saved] if saved else [])))

@@ -15,6 +15,7 @@ import numpy as np
 from rockjax._motions.convert import as_batch
 from rockjax._options import Options
 from rockjax._outputs.registry import suitable_outputs
+from rockjax._responses.arguments import check_overturn_ratio
 from rockjax._responses.estimate import second_options
 from rockjax._responses.floor_answers import VARIABLES
 from rockjax._responses.peak import data_variables
@@ -81,13 +82,13 @@ class Scenes:
 
         The variation "width-" multiplies the input `width` by 1 − s, and "width+" by 1 + s. The number s is
         the key `spread` of the table `[report]`. "motion-" and "motion+" multiply all motions by these
-        factors. A variation that gives an invalid structure, such as a factor of restitution above 1, is left
-        out.
+        factors. A variation is left out if it gives an invalid structure, such as a factor of restitution
+        above 1, or one for which the option `overturn_ratio` is too large.
         """
 
         def is_valid(variation: str) -> bool:
             try:
-                self.podium(None, variation)
+                check_overturn_ratio("report", self.podium(None, variation), self.problem.options)
             except ValueError:
                 return False
             return True
@@ -270,13 +271,13 @@ class Scenes:
 
         - `name`: the set; `motion`: index of the motion in the set
         """
-        return self.store.get(*self.stored_history(name, motion))
+        return self.store.get(*self._stored_history(name, motion))
 
     def start_history(self, name: str, motion: int) -> None:
         """Start to compute a `history` in another thread."""
-        self.store.start(*self.stored_history(name, motion))
+        self.store.start(*self._stored_history(name, motion))
 
-    def stored_history(self, name: str, motion: int) -> Stored:
+    def _stored_history(self, name: str, motion: int) -> Stored:
         """Return the arguments of `Store.get` for a history."""
         from rockjax._responses.response import with_joints
         from rockjax._responses.simulate import simulate

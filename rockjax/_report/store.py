@@ -17,6 +17,7 @@ import jax
 import numpy as np
 
 from rockjax._machine.threads import submit, wait_for_imports
+from rockjax._programs.key import NoKeyError, source_hash
 from rockjax._responses.datasets import describe_versions
 from rockjax._results import Interrupted
 
@@ -25,9 +26,9 @@ if TYPE_CHECKING:
 
 
 def fingerprint(*values: Any) -> str:
-    """Return a hash of pytrees and of the versions of the libraries. A leaf that is neither a number nor an
-    array is hashed by its `repr`."""
-    entries: list[str] = [json.dumps(describe_versions(), sort_keys=True)]
+    """Return a hash of pytrees, of the versions of the libraries and of the source of this package. A leaf
+    that is neither a number nor an array is hashed by its `repr`."""
+    entries: list[str] = [json.dumps(describe_versions(), sort_keys=True), _source()]
     for value in values:
         leaves, treedef = jax.tree.flatten(value)
         entries.append(str(treedef))
@@ -38,6 +39,14 @@ def fingerprint(*values: Any) -> str:
             else:
                 entries.append(repr(leaf))
     return hashlib.sha256("\n".join(entries).encode()).hexdigest()
+
+
+def _source() -> str:
+    """Return a hash of the source of this package; "" if there are no source files."""
+    try:
+        return source_hash()
+    except NoKeyError:
+        return ""
 
 
 # Arguments of `Store.get`: name, fingerprint, and function that computes the dataset.
@@ -81,7 +90,7 @@ class Store:
                     loaded[data.attrs["name"]] = data.load()
             for data in groups.values():  # after all have been read, because all groups share the open file
                 data.close()
-        except (OSError, ValueError, KeyError):
+        except (OSError, ValueError, KeyError, RuntimeError):  # netCDF4 raises RuntimeError
             return
         if kind != "report":
             raise ValueError(
@@ -123,11 +132,6 @@ class Store:
         if self._started.get(name, ("",))[0] != inputs_hash:
             self._started[name] = inputs_hash, submit(compute)
         return True
-
-    def is_available(self, name: str, inputs_hash: str) -> bool:
-        """Return whether a dataset with this name and fingerprint is stored, or is being computed in another
-        thread."""
-        return self._has(name, inputs_hash) or self._started.get(name, ("",))[0] == inputs_hash
 
     def raise_if_stopped(self) -> None:
         """Raise `Interrupted` if an exception, such as that of Ctrl-C, has ended the report."""

@@ -20,6 +20,7 @@ from typer.testing import CliRunner
 import optimise
 import rockjax as rj
 from rockjax._cli import app
+from rockjax._motions.convert import make_unique
 from rockjax._motions.files import read
 from rockjax._motions.intensity import spectral_acceleration
 from rockjax._motions.readers import is_table
@@ -302,6 +303,12 @@ def test_measures_of_several_motions_with_a_podium(suite):
         xarray.testing.assert_equal(data.isel(motion=k), one)
         assert float(one["acceleration_ratio"]) == pytest.approx(motion.pga / (G * math.tan(0.15)))
         assert float(one["velocity_ratio"]) == pytest.approx(p * motion.pgv / (G * math.tan(0.15)))
+
+
+def test_numbered_names_are_different():
+    """A name of the list may look like a numbered one."""
+    assert make_unique(["a", "b", "a"]) == ["a (1)", "b", "a (2)"]
+    assert make_unique(["a", "a", "a (1)"]) == ["a (2)", "a (3)", "a (1)"]
 
 
 def test_records_without_names_are_numbered(suite):

@@ -1,5 +1,6 @@
 """Results of checks (PASS, FAIL, UNDECIDED, NOT VALID), and statistics over a set."""
 
+import hashlib
 import math
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,7 +14,10 @@ from rockjax._report.evaluate import _sensitivities, decide, statistic_of, utili
 from rockjax._report.evaluation import Check, Evaluation, verdict
 from rockjax._report.kinds import KINDS
 from rockjax._report.kinds.base import Values
+from rockjax._report.kinds.risk import FailureKind
+from rockjax._report.scenes import Scenes
 from rockjax._report.sections.common import governing_scene
+from rockjax._report.store import Store
 from rockjax._results import NAMES
 
 FILE = """
@@ -195,3 +199,64 @@ def test_scenes_without_an_answer_have_no_history_and_no_derivatives(tmp_path):
         peaks = xarray.Dataset({name: ("motion", y[:count]) for name, y in data.items()})
         scenes = SimpleNamespace(peaks=lambda name, peaks=peaks: peaks)
         assert governing_scene(scenes, ["pulses"]) == expected
+
+
+def test_the_hash_of_a_file_with_a_byte_order_mark(tmp_path):
+    """The hash is that of the bytes, so that `sha256sum` gives the same."""
+    path = tmp_path / "problem.toml"
+    path.write_text(FILE + CHECK, encoding="utf-8-sig")
+    assert rj.read_problem(path).sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def test_changes_that_the_solver_refuses_are_left_out(tmp_path):
+    """The overturn ratio must be at most π/(2α); 5 % more of the width raises α."""
+    ratio = np.pi / 2 / np.arctan(0.2) * 0.99
+    found = problem(tmp_path, CHECK + f"[options]\noverturn_ratio = {ratio}\n")
+    variations = Scenes(found, Store(), {}).variations
+    assert {"width-", "height+", "motion+", "motion-"} <= set(variations)
+    assert not {"width+", "height-"} & set(variations)
+
+
+@pytest.mark.parametrize(("limit", "expected"), [(0.09, "UNDECIDED"), (0.17, "UNDECIDED"), (0.18, "PASS")])
+def test_the_interval_of_a_probability_is_lognormal(tmp_path, monkeypatch, limit, expected):
+    """For p = 0.1 with the standard error 0.03, the 95 % interval ends at 0.1 exp(1.96 √ln 1.09) = 0.178."""
+    spread = math.exp(1.96 * math.sqrt(math.log(1.09)))
+    numbers = {"probability": 0.1, "standard_error": 0.03, "converged": 1.0}
+    data = xarray.Dataset(numbers | {"interval": ("bound", [0.1 / spread, 0.1 * spread])})
+    monkeypatch.setattr(FailureKind, "_data", lambda *_: data)
+    values = KINDS["failure-probability"].values(None, None)
+    value, error, _ = statistic_of(values, "max", False)
+    utilisations = utilisations_of(value, error, limit, False, values.error_factor)
+    assert decide(utilisations, False, False) == expected
+
+
+def peaks_with_outcomes(overturned, undecided):
+    data = {"overturned": overturned, "undecided": undecided, "overturn_time": [2.0] * len(overturned)}
+    data["result"] = [NAMES.index("overturned" if y else "end_of_time") for y in overturned]
+    data |= {"peak_rotation": [0.1] * len(overturned), "peak_rotation_time": [1.0] * len(overturned)}
+    return xarray.Dataset({name: ("motion", y) for name, y in data.items()})
+
+
+@pytest.mark.parametrize(
+    ("kind", "overturned", "undecided", "expected"),
+    [
+        ("peak-rotation", [True, False], [True, False], "UNDECIDED"),
+        ("peak-rotation", [True, True], [True, False], "FAIL"),
+        ("no-overturning", [True, False], [True, False], "UNDECIDED"),
+        ("no-overturning", [True, False], [False, False], "FAIL"),
+        ("overturning-probability", [True, False, False], [True, False, False], "UNDECIDED"),
+        ("overturning-probability", [True, True, True], [True, False, False], "FAIL"),
+        ("overturning-probability", [True, True, False], [False, False, True], "FAIL"),
+        ("overturning-probability", [False, False, False], [False, False, False], "PASS"),
+    ],
+)
+def test_undecided_overturning_is_no_failure(tmp_path, monkeypatch, kind, overturned, undecided, expected):
+    """The columns overturn in one solution and survive in the other."""
+    limit = "" if kind == "no-overturning" else "limit = 0.5\n"
+    found = problem(tmp_path, f'[[checks]]\nkind = "{kind}"\n{limit}')
+    (entry,), data = found.checks, peaks_with_outcomes(overturned, undecided)
+    monkeypatch.setattr(Scenes, "_peaks", lambda *_: data)
+    values = KINDS[kind].values(entry, Scenes(found, Store(), {}))
+    value, error, _ = statistic_of(values, "max", False)
+    utilisations = utilisations_of(value, error, entry.limit, False, values.error_factor)
+    assert decide(utilisations, any(values.unanswered), False) == expected

@@ -11,7 +11,7 @@ import xarray
 import rockjax as rj
 from rockjax._files import write_dataset
 from rockjax._machine.threads import import_in_background
-from rockjax._report.store import Store
+from rockjax._report.store import Store, fingerprint
 
 
 def numbers(value):
@@ -154,3 +154,55 @@ def test_tables_are_made_while_another_thread_imports_their_modules():
     )
     found = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True, check=False)
     assert found.returncode == 0, found.stderr
+
+
+def test_an_error_of_the_netcdf_library_leaves_the_report(tmp_path, monkeypatch):
+    store = Store(tmp_path / "page.nc")
+    store.get("a", "inputs", lambda: numbers(2.0))
+    store.save()
+
+    def open_groups(*_, **__):
+        raise RuntimeError("NetCDF: HDF error")
+
+    monkeypatch.setattr(xarray, "open_groups", open_groups)
+    assert Store(tmp_path / "page.nc").data == {}
+
+
+def test_other_source_of_this_package_has_another_fingerprint(monkeypatch):
+    before = fingerprint(1.0)
+    assert fingerprint(1.0) == before
+    monkeypatch.setattr("rockjax._report.store.source_hash", lambda: "edited")
+    assert fingerprint(1.0) != before
+
+
+PROBLEM = """
+[structure]
+width = 0.6
+height = 3.0
+column_mass = 2700.0
+beam_mass = 60e3
+[[checks]]
+kind = "by-others"
+text = "soil"
+reference = "G-02"
+"""
+
+
+def test_the_home_folder_has_the_store_of_a_report(tmp_path, monkeypatch):
+    for name in ("HOME", "USERPROFILE"):
+        monkeypatch.setenv(name, str(tmp_path))
+    path = tmp_path / "problem.toml"
+    path.write_text(PROBLEM)
+    numbers(1.0).assign_attrs(kind="fragility").to_netcdf(tmp_path / "page.nc")
+    for command in (lambda: rj.report(path, "~/page.html"), lambda: rj.evaluate(path, store="~/page.nc")):
+        with pytest.raises(ValueError, match="holds results of kind 'fragility'"):
+            command()
+
+
+def test_scenes_are_kept_if_the_page_cannot_be_written(tmp_path):
+    path = tmp_path / "problem.toml"
+    path.write_text(PROBLEM)
+    (tmp_path / "page.html").mkdir()
+    with pytest.raises(OSError, match=r"page\.html could not be written"):
+        rj.report(path, tmp_path / "page.html", skip=("methods",))
+    assert (tmp_path / "page.partial.nc").exists()

@@ -4,6 +4,7 @@ shown as those of other scenes."""
 import math
 from types import SimpleNamespace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -183,3 +184,43 @@ def test_uplift_factors_need_finished_scenes(monkeypatch):
     assert _estimate_uplift_factors(scenes, motions) == pytest.approx([first / 3 / 0.5], rel=1e-3)
     with pytest.raises(RuntimeError, match="uplift factors of set are unknown: 1 of 1 scenes did not finish"):
         _estimate_uplift_factors(scenes, motions)
+
+
+def test_oscillators_that_may_grow_after_the_end():
+    """The peak of an oscillator is final if the bound of its later displacement is at most this peak."""
+    dims = ("motion", "oscillator")
+    data = peaks_of(("settled", "settled", "overturned")).assign(
+        oscillator_pseudo_acceleration=(dims, [[1.0, 2.0]] * 3),
+        oscillator_remaining_ratio=(dims, [[1.0, 0.5], [math.inf, 0.5], [1.5, 1.5]]),
+        oscillator_result=(dims, [[1, 1], [1, 1], [2, 2]]),
+    )
+    scenes = evaluation_of(("settled",) * 3).scenes
+    scenes.peaks = lambda *_: data.assign_coords(oscillator=["pump", "tank"])
+    entry = SimpleNamespace(motions="set", arguments={"oscillators": {"pump": None, "tank": None}})
+    values = KINDS["floor-spectrum"].values(entry, scenes)
+    assert values.unanswered == ("", "may still grow after the end", "")
+
+
+def test_joints_without_dead_load():
+    """The top joint of a column that carries nothing has no force; it is left out."""
+    column = rj.Podium.from_dimensions(width=0.6, height=3.0, column_mass=2700.0)
+    assert np.asarray(column.dead_load).tolist() == [1.0, 0.0]
+    forces = ("motion", "joint"), [[0.8, 0.0], [0.9, 0.0]]
+    data = peaks_of(("settled", "settled")).drop_vars("peak_friction")
+    data = data.assign(least_axial_force=forces, peak_axial_force=forces)
+    evaluation = evaluation_of(("settled", "settled"))
+    scenes, entry = evaluation.scenes, SimpleNamespace(motions="set")
+    scenes.peaks, scenes.podium, scenes.factors = lambda *_: data, lambda *_: column, lambda _: {}
+    for kind in ("least-axial-force", "peak-axial-force"):
+        values = KINDS[kind].values(entry, scenes)
+        assert values.values.tolist() == [0.8, 0.9]
+        assert values.locations == ("bottom joint",) * 2
+        assert values.texts == ("", "")
+        share = lambda y, kind=kind: jnp.min(
+            KINDS[kind].conversion(None, column.replace(gamma=y))(jnp.array(forces[1]))
+        )
+        assert np.isfinite(jax.grad(share)(0.0))
+    evaluation.problem.podium = column
+    table = joints._table(evaluation, "set")
+    rows = [texts_of(row)[1:] for row in table.rows]
+    assert rows == [["bottom", "number", "number"], ["top", "no dead load", "no dead load"]] * 2

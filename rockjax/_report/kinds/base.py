@@ -290,7 +290,8 @@ def with_texts(
     is_minimum: bool,
 ) -> Values:
     """Return the `Values` of n scenes. A text replaces the value of a scene in which the columns overturn. If
-    the columns do not overturn but the value is infinite, a joint opens, and the text states this.
+    they overturn in only one of two solutions, the value is NaN, and the text is "undecided". If the columns
+    do not overturn but the value is infinite, a joint opens, and the text states this.
 
     - `scenes`, `entry`: the scenes and the entry
     - `data`: dataset of the scenes, whose dimension `motion` has the length n
@@ -301,8 +302,12 @@ def with_texts(
     worst = -np.inf if is_minimum else np.inf
     values = np.array(values, float)
     for k, is_overturned in enumerate(np.asarray(data["overturned"])):
-        if is_overturned:
-            values[k], unanswered[k] = worst, ""
+        if is_overturned and unanswered[k]:
+            values[k] = np.nan
+            texts.append(unanswered[k])
+            states.append("unanswered")
+        elif is_overturned:
+            values[k] = worst
             texts.append(f"overturned at {float(data['overturn_time'][k]):.2f} s")
             states.append("overturned")
         else:

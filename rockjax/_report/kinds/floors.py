@@ -84,6 +84,8 @@ class FloorKind(Kind):
         result = with_texts(scenes, entry, data, peaks[rows, worst], errors, locations, False)
         texts, states, unanswered = list(result.texts), list(result.states), list(result.unanswered)
         codes = data[f"{self.dim}_result"].values
+        ratio = f"{self.dim}_remaining_ratio"  # only oscillators have it
+        may_grow = (data[ratio].values > 1).any(axis=-1) if ratio in data else np.zeros(len(rows), bool)
         for k in rows:
             # `with_texts` gives this state to every infinite value. Here the block has overturned.
             if states[k] == "joint opens":
@@ -93,6 +95,8 @@ class FloorKind(Kind):
                 unanswered[k] = results.NAMES[int(codes[k].max())]
             elif not texts[k] and np.isinf(errors[k]):
                 unanswered[k] = "undecided"
+            elif not texts[k] and may_grow[k]:
+                unanswered[k] = "may still grow after the end"
         return result._replace(texts=tuple(texts), states=tuple(states), unanswered=tuple(unanswered))
 
     def _overturned(self, data: xarray.Dataset) -> np.ndarray:

@@ -133,9 +133,11 @@ class NoOverturning(Kind):
         return with_texts(scenes, entry, data, values, errors, [""] * len(values), False)
 
 
-def _per_dead_load(problem: Problem, podium: Podium) -> Any:
-    del problem
-    return 1 / podium.dead_load
+def _share_of_dead_load(podium: Podium, force: Any, without_load: float) -> Any:
+    """Return axial forces divided by the dead loads of the joints, (…, 2). `without_load`: result for a joint
+    without dead load, such as the top of a column that carries nothing."""
+    load = jnp.broadcast_to(podium.dead_load, np.shape(force))
+    return jnp.where(load > 0, force / jnp.where(load > 0, load, 1.0), without_load)
 
 
 def _per_height(problem: Problem, podium: Podium) -> np.ndarray:
@@ -209,7 +211,12 @@ def peak_kinds() -> list[Kind]:
             section=4 if name == "peak_rotation" else section,
             variable=name,
         )
-        kinds.append(make(factor=_per_dead_load) if name.endswith("axial_force") else make())
+        if name.endswith("axial_force"):  # joints without dead load do not govern
+            without_load = np.inf if name.startswith("least") else 0.0
+            make = functools.partial(
+                make, convert=functools.partial(_share_of_dead_load, without_load=without_load)
+            )
+        kinds.append(make())
     kinds += [
         PeakKind(
             "peak-drift-ratio",

@@ -6,6 +6,7 @@ A scene is the structure under one motion.
 from __future__ import annotations
 
 import dataclasses
+import math
 import warnings
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
@@ -40,7 +41,7 @@ from .searches import ROUNDING_ALLOWANCE, UNFINISHED
 if TYPE_CHECKING:
     import xarray
 
-INTERVAL = 1.96  # standard errors on each side of a 95 % interval
+INTERVAL = 1.96  # standard errors on each side of a 95 % interval of a normal distribution
 UNTESTED = "assumptions are not tested"
 
 
@@ -215,8 +216,10 @@ class ShareKind(Kind):
 
     def values(self, entry: Entry, scenes: Scenes, law: str | None = None, variation: str = "") -> Values:
         data = self._scenes(entry, scenes, law, variation)
-        share = float(np.mean(data["overturned"].values))
-        return one_value(share, 0.0, unanswered=tuple(unanswered_scenes(data)))
+        unanswered, overturned = tuple(unanswered_scenes(data)), data["overturned"].values.astype(bool)
+        share = float(np.mean(overturned))
+        certain = float(np.mean(overturned & (np.array(unanswered) == "")))
+        return one_value(share, share - certain, unanswered=unanswered, error_factor=1.0)
 
     def tested_scenes(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
         return self._scenes(entry, scenes)
@@ -284,7 +287,11 @@ class FailureKind(Kind):
         data = self._data(entry, scenes)
         unanswered = () if float(data["converged"]) else ("estimate not converged",)
         value, error = float(data["probability"]), float(data["standard_error"])
-        return one_value(value, error, unanswered=unanswered, remark=UNTESTED, error_factor=INTERVAL)
+        low, high = map(float, data["interval"])
+        # The interval is not symmetric. The check passes only if the farther end satisfies the limit.
+        has_interval = error > 0 and math.isfinite(high)
+        factor = max(high - value, value - low) / error if has_interval else INTERVAL
+        return one_value(value, error, unanswered=unanswered, remark=UNTESTED, error_factor=factor)
 
     def scope(self, entry: Entry, problem: Problem) -> str:
         del entry, problem
