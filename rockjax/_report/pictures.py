@@ -123,6 +123,7 @@ def elevation_drawing(
     columns: int = 2,
     rotation: float | None = None,
     label: str = "",
+    size: tuple[float, float] | None = None,
 ) -> Figure:
     """Return a drawing to scale: the structure with dimensions and masses, and beside it one rotated column.
 
@@ -131,9 +132,11 @@ def elevation_drawing(
     - `units`: units of the numbers in the drawing
     - `column_mass`: mass of one column [kg]; None omits all masses
     - `columns`: number of columns N, used if `podium.elevation` is None
-    - `rotation`: rotation of the column beside the structure [rad]. The smaller of its absolute value and α
-      is drawn; None for an upright column
+    - `rotation`: rotation of the column of `podium` beside the structure [rad], whose absolute value is
+      drawn; None for an upright column
     - `label`: source of the rotation, such as "motion 9"; "" for none
+    - `size`: width and height of a column [m], if they differ from those of `podium` because the ends of the
+      column are round, (R5)
     """
     import matplotlib.pyplot as plt
 
@@ -144,18 +147,26 @@ def elevation_drawing(
         left, right = figure.subplots(1, 2, width_ratios=(2, 1))
         for axes in (left, right):
             axes.set_axis_off()
-        _draw_structure(left, podium, units, column_mass, columns)
-        _draw_column(right, podium, units, rotation, label)
+        size = (float(podium.width), float(podium.height)) if size is None else size
+        _draw_structure(left, podium, units, column_mass, columns, size)
+        _draw_column(right, podium, units, rotation, label, size)
     return figure
 
 
-def _draw_structure(ax: Axes, podium: Podium, units: Units, column_mass: float | None, columns: int) -> None:
+def _draw_structure(
+    ax: Axes,
+    podium: Podium,
+    units: Units,
+    column_mass: float | None,
+    columns: int,
+    size: tuple[float, float],
+) -> None:
     """Draw ground, columns, beam and floors, with dimensions at the left and below, and masses at the right.
 
     - `ax`: axes to draw into
-    - `podium`, `units`, `column_mass`, `columns`: as for `elevation_drawing`
+    - `podium`, `units`, `column_mass`, `columns`, `size`: as for `elevation_drawing`
     """
-    width, height = float(podium.width), float(podium.height)
+    width, height = size
     positions, count, has_positions = _column_positions(podium, width, height, columns)
     depth = float(podium.elevation.beam_depth) if podium.elevation is not None else 0.0  # pyright: ignore
     has_beam = podium.superstructure is not None or float(podium.gamma) > 0  # a solitary block has no beam
@@ -287,34 +298,41 @@ def _story_dimensions(
     return dimensions
 
 
-def _draw_column(ax: Axes, podium: Podium, units: Units, rotation: float | None, label: str) -> None:
-    """Draw a column at rest and rotated about its right bottom edge, with its dimensions.
+def _draw_column(
+    ax: Axes, podium: Podium, units: Units, rotation: float | None, label: str, size: tuple[float, float]
+) -> None:
+    """Draw a column at rest and rotated about its right bottom edge, with its dimensions. A column with round
+    ends has rolled to the right; the arcs of its ends are not drawn.
 
     - `ax`: axes to draw into
-    - `podium`, `units`, `rotation`, `label`: as for `elevation_drawing`
+    - `podium`, `units`, `rotation`, `label`, `size`: as for `elevation_drawing`
     """
     alpha, R = float(podium.alpha), float(podium.R)
-    width, height = float(podium.width), float(podium.height)
-    angle = min(abs(rotation or 0.0), alpha)
+    width, height = size
+    enlargement = float(podium.height) / height
+    # Rotations of the column with flat ends that `podium` has, and of the drawn column, (R5).
+    model_angle = abs(rotation or 0.0)
+    angle, radius = model_angle * enlargement, 0.5 * height * (1 - 1 / enlargement)
     gap = 0.07 * height
     length_text = lambda value: _dimension_text(value, "displacement", units)
     ax.plot([-gap, width + 2.5 * gap], [0, 0], color="#000000", ls="-", lw=1.6)
     upright = np.array([(0, 0), (width, 0), (width, height), (0, height)])
-    pivot = np.array([width, 0])
+    pivot = np.array([width, radius])  # centre of the arc of a round end
     rotation_matrix = np.array([(math.cos(angle), -math.sin(angle)), (math.sin(angle), math.cos(angle))])
-    corners = (upright - pivot) @ rotation_matrix + pivot
+    corners = (upright - pivot) @ rotation_matrix + pivot + np.array([radius * angle, 0])
     if angle:
         from matplotlib.patches import Polygon
 
         ax.plot(*np.vstack([upright, upright[:1]]).T, color="#000000", ls="--", lw=0.8)
         ax.add_patch(Polygon(corners, closed=True, facecolor=COLUMN, edgecolor="#000000", lw=1.0, alpha=0.9))
-        u_top = 2 * R * (math.sin(alpha) - math.sin(alpha - angle))
-        rise = 2 * R * (math.cos(alpha - angle) - math.cos(alpha))
+        u_top = 2 * R * (math.sin(alpha) - math.sin(alpha - model_angle))
+        rise = 2 * R * (math.cos(alpha - model_angle) - math.cos(alpha))
         _draw_dimension(ax, (0, height + rise + gap), (u_top, height + rise + gap), length_text(u_top))
         quantity_text = lambda value, kind: plain_part(Quantity(value, kind), units)
+        unit = "α" if math.isclose(enlargement, 1) else "θ_o"  # angle at which the column overturns
         texts = [
             "column at its largest rotation",
-            f"θ = {quantity_text(angle, 'angle')} = {quantity_text(angle / alpha, 'number')} α",
+            f"θ = {quantity_text(angle, 'angle')} = {quantity_text(model_angle / alpha, 'number')} {unit}",
             *([f"({label})"] if label else []),
             f"top displaced by {quantity_text(u_top, 'displacement')},",
             f"raised by {quantity_text(rise, 'displacement')};",
@@ -325,8 +343,10 @@ def _draw_column(ax: Axes, podium: Podium, units: Units, rotation: float | None,
         texts = ["column at rest"]
     _draw_dimension(ax, (-gap, 0), (-gap, height), f"2H = {length_text(height)}")
     _draw_dimension(ax, (0, -gap), (width, -gap), f"2B = {length_text(width)}")
-    ax.text(width / 2, -2.2 * gap, "\n".join(texts), ha="center", va="top", fontsize=9)
-    ax.set(aspect="equal", xlim=(-4 * gap, width + 4 * gap), ylim=(-8 * gap, height + 3 * gap))
+    # Labels are texts of the problem file, which may contain "$".
+    ax.text(width / 2, -2.2 * gap, "\n".join(texts), ha="center", va="top", fontsize=9, parse_math=False)
+    right = max(width + 4 * gap, corners[:, 0].max() + gap)
+    ax.set(aspect="equal", xlim=(-4 * gap, right), ylim=(-8 * gap, height + 3 * gap))
 
 
 def _dimension_text(value: float, kind: str, units: Units) -> str:

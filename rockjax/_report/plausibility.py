@@ -23,7 +23,7 @@ def warnings_of(evaluation: Evaluation) -> Iterator[str]:
     """Yield a warning for each number that is probably a mistake."""
     problem = evaluation.problem
     podium, mass, depth = problem.podium, problem.column_mass, problem.joints.contact_depth
-    width, height = float(podium.width), float(podium.height)
+    width, height = problem.column_size
     if mass is not None:
         depth = width if depth is None else depth  # square columns by default
         density = mass / (width * height * depth)

@@ -189,6 +189,22 @@ class Problem:
         return None if heights is None else np.asarray(heights, float)
 
     @property
+    def column_size(self) -> tuple[float, float]:
+        """Width 2B and height 2H of a column [m]. `podium` has larger columns if their ends are round."""
+        given = (getattr(self.structure, name, None) for name in ("width", "height"))
+        actual = (self.podium.width, self.podium.height)
+        width, height = (float(z if y is None else y) for y, z in zip(given, actual, strict=True))
+        return width, height
+
+    @property
+    def column_enlargement(self) -> float:
+        """H/(H − r_c), the size of the columns of `podium` divided by the size of columns with round ends,
+        (R5); 1 for flat ends."""
+        radius = float(getattr(self.structure, "end_radius", None) or 0.0)
+        half_height = 0.5 * self.column_size[1]
+        return half_height / (half_height - radius)
+
+    @property
     def column_mass(self) -> float | None:
         """Mass of a column m_c [kg], or None for a structure by ratios."""
         mass = getattr(self.structure, "column_mass", None)

@@ -15,6 +15,7 @@ import jax
 from rockjax._motions.convert import make_unique
 from rockjax._motions.motion import Motion
 from rockjax._problem import models
+from rockjax._problem.models.fields import NO_VALUE
 from rockjax._problem.reading import Reader, load_table
 from rockjax._structures import Podium
 from rockjax._text.reading import read_text
@@ -57,7 +58,7 @@ def problem_of(table: Mapping[str, Any], path: Path) -> Problem:
                 "is the name of another set; choose another name (upper and lower case do not count)",
             )
         members = tuple(reader.members(file.motions, name, podium))
-        names = make_unique([_name(member) for member in members])
+        names = make_unique([_name(member, k) for k, member in enumerate(members, 1)])
         sets[name] = MotionSet(name, file.report.motions.get(name, name), members, tuple(names))
     for name in file.report.motions:
         if name not in sets:
@@ -95,10 +96,11 @@ def problem_of(table: Mapping[str, Any], path: Path) -> Problem:
     )
 
 
-def _name(member: Any) -> str:
-    """Return the name of a record, or for a pulse a name such as "Ricker(2, 0.5)"."""
+def _name(member: Any, number: int) -> str:
+    """Return the name of a record, or for a pulse a name such as "Ricker(2, 0.5)". A name that looks like a
+    missing value, such as "-", is replaced by "motion 3", with the `number` of the motion."""
     if isinstance(member, Motion):
-        return member.name
+        return f"motion {number}" if NO_VALUE.fullmatch(member.name) else member.name
     values = ", ".join(f"{float(y):.4g}" for y in jax.tree.leaves(member))
     return f"{type(member).__name__}({values})"
 

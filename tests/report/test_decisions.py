@@ -15,7 +15,9 @@ from rockjax._report.evaluation import Check, Evaluation, verdict
 from rockjax._report.kinds import KINDS
 from rockjax._report.kinds.base import Values
 from rockjax._report.kinds.risk import FailureKind
+from rockjax._report.plausibility import warnings_of
 from rockjax._report.scenes import Scenes
+from rockjax._report.sections import structure
 from rockjax._report.sections.common import governing_scene
 from rockjax._report.store import Store
 from rockjax._results import NAMES
@@ -260,3 +262,37 @@ def test_undecided_overturning_is_no_failure(tmp_path, monkeypatch, kind, overtu
     value, error, _ = statistic_of(values, "max", False)
     utilisations = utilisations_of(value, error, entry.limit, False, values.error_factor)
     assert decide(utilisations, any(values.unanswered), False) == expected
+
+
+def test_names_of_motions_that_look_like_missing_values(tmp_path):
+    """The table of motions could not show them."""
+    samples = "\n".join(map(str, 4 * np.sin(np.linspace(0, 8 * np.pi, 400)) * np.hanning(400)))
+    for name, expected in (("-", "motion 1"), ("null", "motion 1"), ("noise", "noise")):
+        (tmp_path / f"{name}.txt").write_text(samples)
+        files = f'[motions.files]\nfile = "{name}.txt"\nunits = "m/s2"\ndt = 0.01\n'
+        found = problem(tmp_path, CHECK.replace("pulses", "files"), FILE + files)
+        assert found.motions["files"].names == (expected,)
+
+
+ROUND = FILE.replace("height = 3.0", "height = 3.0\nend_radius = 0.75").replace("2700.0", "2160.0")
+
+
+def test_columns_with_round_ends(tmp_path):
+    """The density and the note belong to the columns in the file, not to the twice as large columns of the
+    model, whose density would be 250 kg/m³."""
+    flat, round_ends = problem(tmp_path), problem(tmp_path, CHECK, ROUND)
+    assert (flat.column_enlargement, structure._round_ends(flat)) == (1.0, [])
+    assert round_ends.column_size == (0.6, 3.0)
+    assert round_ends.column_enlargement == pytest.approx(float(round_ends.podium.height) / 3.0)
+    (note,) = structure._round_ends(round_ends)
+    assert "2 times as large" in note.text
+    evaluation = SimpleNamespace(problem=round_ends, checks=())
+    assert [text for text in warnings_of(evaluation) if "kg/m³" in text] == []
+
+
+def test_positions_of_columns_are_no_number_of_columns(tmp_path):
+    ratios = "[structure]\nalpha = 0.2\nR = 1.5\ngamma = 5.0\n[structure.elevation]\ncolumns = [-2.5, 2.5]\n"
+    found = problem(tmp_path, CHECK, ratios + FILE[FILE.index("[joints]") :])
+    (entry,) = (y for y in found.inputs if y.key == "elevation.columns")
+    meaning, _, value, _ = structure._row(entry)
+    assert (meaning.text, value.kind, value.values) == ("Positions of the columns x", "length", (-2.5, 2.5))

@@ -143,3 +143,37 @@ def test_every_structure_has_a_drawing(structure):
         figure = elevation_drawing(structure, UNITS, column_mass=1e3, rotation=rotation)
         assert "NaN" not in to_svg(figure, "drawing", "Drawing", "A podium")
     assert elevation_caption(UNITS) == "Elevation to scale, lengths in m (column at the right: in mm)."
+
+
+def test_a_rotation_beyond_the_stability_angle_is_drawn():
+    """If `overturn_ratio` exceeds 1, columns may return from such rotations."""
+    alpha = float(podium().alpha)
+    figure = elevation_drawing(podium(), UNITS, rotation=1.2 * alpha, label=r"M$\q$")
+    shown = " ".join(texts(to_svg(figure, "elevation", "Elevation", "A column")))
+    assert r"= 1.200 α (M$\q$)" in shown
+    assert (
+        f"top displaced by {2000 * 1.5402922 * (np.sin(alpha) + np.sin(0.2 * alpha)):.1f}\u00a0mm," in shown
+    )
+    plt.close("all")
+
+
+def test_columns_with_round_ends_have_their_own_size():
+    """The model has flat ends: with r_c = H/2 its columns are twice as large and rotate half as much."""
+    round_ends = podium(end_radius=0.75)
+    assert float(round_ends.height) == pytest.approx(6.0)
+    figure = elevation_drawing(round_ends, UNITS, rotation=0.05, size=(0.7, 3.0))
+    left, right = figure.axes
+    columns = [patch.get_bbox() for patch in left.patches if patch.get_bbox().height == pytest.approx(3.0)]
+    assert [box.width for box in columns] == pytest.approx([0.7] * 4)
+    corners = right.patches[0].get_xy()[:4]
+    side = corners[2] - corners[1]
+    assert np.hypot(*side) == pytest.approx(3.0)
+    assert np.arctan2(*side) == pytest.approx(0.1)
+    # The bottom edge rolls on an arc with the radius r_c = 0.75 m.
+    assert corners[1] == pytest.approx([0.7 + 0.75 * (0.1 - np.sin(0.1)), 0.75 * (1 - np.cos(0.1))])
+    shown = " ".join(texts(to_svg(figure, "elevation", "Elevation", "A column")))
+    assert {"2B = 700", "2H = 3000"} <= set(re.findall(r"2[BH] = \d+", shown))
+    assert "θ = 5.730° = 0.2181 θ_o" in shown
+    alpha, R = np.arctan(0.7 / 3.0), np.hypot(0.7, 3.0)
+    u_top = 2000 * R * (np.sin(alpha) - np.sin(alpha - 0.05))
+    assert f"top displaced by {u_top:.1f}\u00a0mm," in shown

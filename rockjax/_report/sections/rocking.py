@@ -101,7 +101,7 @@ def _answers(evaluation: Evaluation, data: xarray.Dataset, k: int) -> list[Any]:
     """
     rotation = float(data["peak_rotation"][k])
     uplifted = bool(data["uplifted"][k])
-    u_b = deck_displacement(evaluation.problem.podium, min(rotation, 1.0))
+    u_b = deck_displacement(evaluation.problem.podium, rotation)
     return [
         Quantity(float(data["uplift_time"][k]), "time") if uplifted else TextCell("no uplift", "none"),
         peak_cell(data, k, rotation, "number", data["peak_rotation_error"][k]),

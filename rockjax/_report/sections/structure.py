@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     import xarray
 
     from rockjax._report.evaluation import Evaluation
-    from rockjax._report.problem import Input
+    from rockjax._report.problem import Input, Problem
 
-# Key of an input → (meaning, kind of the number). Meanings of other inputs are in the registry of parameters,
-# `STRUCTURE`.
+# Key of an input, with or without its table → (meaning, kind of the number). Meanings of other inputs are in
+# the registry of parameters, `STRUCTURE`.
 _MEANINGS = {
     "story_masses": ("Storey masses from the bottom", "mass"),
     "story_stiffnesses": ("Storey stiffnesses", "stiffness"),
@@ -37,6 +37,7 @@ _MEANINGS = {
     "period": ("Period of the superstructure T_s", "time"),
     "damping": ("Damping ratio ζ", "ratio"),
     "columns": ("Number of columns N", "count"),
+    "elevation.columns": ("Positions of the columns x", "length"),
     "stories": ("Number of stories", "count"),
     "modes": ("Number of modes", "count"),
     "tendon_force": ("Force of a tendon P₀", "force"),
@@ -58,14 +59,27 @@ def section(evaluation: Evaluation, units: Units) -> Section:
         (Column("Quantity"), Column("Key"), Column("Value"), Column("Source")),
         tuple(_row(entry) for entry in problem.inputs) + tuple(_joint_rows(evaluation)),
     )
-    return Section(2, "Structure and inputs", (figure, inputs, _derived(evaluation), *_modes(evaluation)))
+    blocks = (figure, inputs, *_round_ends(problem), _derived(evaluation), *_modes(evaluation))
+    return Section(2, "Structure and inputs", blocks)
+
+
+def _round_ends(problem: Problem) -> list[Paragraph]:
+    """Return a note on the equivalent columns, in a list; an empty list for columns with flat ends."""
+    if problem.column_enlargement == 1:
+        return []
+    text = (
+        "The columns have round ends. R and the width and height in the equations, and all quantities that "
+        "follow from them, are those of the equivalent column with flat ends, which is "
+        f"{problem.column_enlargement:.4g} times as large and rotates less by this factor."
+    )
+    return [Paragraph(text, is_note=True)]
 
 
 def _elevation(evaluation: Evaluation, units: Units) -> Figure:
     """Return the picture of the structure, and of a column at the largest rotation of the governing scene.
     This is the scene with the largest rotation without overturning."""
     problem, scene = evaluation.problem, governing_scene(evaluation.scenes, sets_with_scenes(evaluation))
-    podium = problem.podium
+    podium, size = problem.podium, problem.column_size
     rotation, label = None, ""
     if scene is not None:
         name, k = scene
@@ -76,16 +90,17 @@ def _elevation(evaluation: Evaluation, units: Units) -> Figure:
 
     def draw() -> Figure:
         drawing = elevation_drawing(
-            podium, units, column_mass=mass, columns=columns, rotation=rotation, label=label
+            podium, units, column_mass=mass, columns=columns, rotation=rotation, label=label, size=size
         )
         title = "Elevation of the structure"
-        description = f"Columns {float(podium.width):.4g} m wide and {float(podium.height):.4g} m high"
+        description = f"Columns {size[0]:.4g} m wide and {size[1]:.4g} m high"
         if rotation is not None:
-            description += f"; beside them a column at its largest rotation, {rotation:.4g} rad"
+            angle = rotation * problem.column_enlargement
+            description += f"; beside them a column at its largest rotation, {angle:.4g} rad"
         svg = to_svg(drawing, "elevation", title, f"{description}.")
         return Figure(svg, elevation_caption(units), title, f"{description}.", True)
 
-    inputs = podium, units.names, units.g, mass, columns, rotation, label
+    inputs = podium, units.names, units.g, mass, columns, rotation, label, size
     return stored_figure(evaluation, "elevation", inputs, draw)
 
 
@@ -96,7 +111,7 @@ def _source(source: str | None) -> TextCell:
 def _row(entry: Input) -> tuple[Cell, ...]:
     """Return the row of an input: meaning, key, value and source."""
     name = entry.key.rpartition(".")[2]
-    meaning, kind = _MEANINGS.get(name, ("", ""))
+    meaning, kind = _MEANINGS.get(entry.key) or _MEANINGS.get(name, ("", ""))
     if not meaning and name in STRUCTURE:
         parameter = STRUCTURE[name]
         meaning = f"{parameter.meaning[:1].upper()}{parameter.meaning[1:]} {parameter.symbol}"
