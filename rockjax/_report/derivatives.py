@@ -58,7 +58,9 @@ def log_slopes(scenes: Scenes, entry: Entry, functions: Mapping[int, SlopesFunct
         scenes.describe(f"derivatives of {entry.id}")
         pairs = [function() for function in functions.values()]
         values = np.array([float(value) for value, _ in pairs])
-        slopes = np.array([np.asarray(slope)[: len(names)] for _, slope in pairs]) / values[:, None]
+        slopes = np.array([np.asarray(slope)[: len(names)] for _, slope in pairs])
+        with np.errstate(divide="ignore", invalid="ignore"):  # a value may be 0
+            slopes = slopes / values[:, None]
         return xarray.Dataset(
             {"slope": (("motion", "parameter"), slopes), "value": ("motion", values)},
             coords={"parameter": names, "motion": motions},

@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from rockjax._responses.estimate import SAFETY
+import numpy as np
 
 from .assemble import tables_of
 from .assumptions import ASSUMPTIONS, INVALIDATING, Outcome
@@ -22,7 +22,7 @@ from .derivatives import log_slopes, prepare_answers
 from .entry import Entry
 from .evaluation import Check, Evaluation
 from .kinds import KINDS
-from .kinds.base import Kind, statistic_of
+from .kinds.base import Kind, Statistic, Values, statistic_of
 from .kinds.outside import ByOthers
 from .problem import Problem
 from .reading import read_problem
@@ -145,18 +145,18 @@ def _evaluate(entry: Entry, scenes: Scenes, skip: tuple[str, ...]) -> Check:
 def _compute(entry: Entry, kind: Kind, scenes: Scenes) -> Check:
     """Return the check of an entry whose inputs are all present."""
     values = kind.values(entry, scenes)
-    value, error, governing = statistic_of(values, entry.keys.statistic, kind.is_minimum)
-    utilisations = utilisations_of(value, error, entry.limit, kind.is_minimum, values.error_factor)
+    statistic, utilisations = _utilisations(entry, kind, values)
     violated = _violated(kind, entry, scenes)
     causes = sorted({name for name in values.unanswered if name})
     result = decide(utilisations, bool(causes), bool(violated))
-    reason = values.remark
+    reason = values.remark or _events(entry, values)
     if causes and result == "UNDECIDED":
         count = sum(map(bool, values.unanswered))
         reason = f"{count} of {len(values.unanswered)} scenes have no decided answer: {', '.join(causes)}"
     text = state = ""
-    if not math.isfinite(value):
-        text, state = "no finite value", "unanswered" if math.isnan(value) else "none"
+    governing, is_mean = statistic.governing, entry.keys.statistic == "mean"
+    if not math.isfinite(statistic.value):
+        text, state = "no finite value", "unanswered" if math.isnan(statistic.value) else "none"
         if values.texts[governing]:
             text, state = values.texts[governing], values.states[governing]
     check = Check(
@@ -165,19 +165,20 @@ def _compute(entry: Entry, kind: Kind, scenes: Scenes) -> Check:
         result,
         reason,
         violated,
-        value,
-        error,
+        statistic.value,
+        statistic.error,
         text,
         state,
         utilisations[1],
-        None if kind.has_one_value else governing,
-        values.locations[governing],
+        None if kind.has_one_value or is_mean else governing,
+        values.locations[governing] if statistic.has_one_case else "",
         values,
+        tuple(statistic.weights.tolist()),
     )
     slopes = _sensitivities(check, scenes)
     # The derivatives of a mean are left out if |d ln U/d ln y| · spread > 1 for an input y, because a motion
     # under which the columns barely rock may dominate them.
-    is_mean, spread = check.statistic == "mean", scenes.problem.report.spread
+    spread = scenes.problem.report.spread
     is_smooth = not is_mean or all(abs(y) * spread <= 1 for y in slopes.values())
     return dataclasses.replace(
         check,
@@ -188,15 +189,37 @@ def _compute(entry: Entry, kind: Kind, scenes: Scenes) -> Check:
     )
 
 
-def utilisations_of(
-    value: float, error: float, limit: float, is_minimum: bool, error_factor: float = SAFETY
-) -> tuple[float, float, float]:
-    """Return the least, the estimated and the largest utilisation [–] of a value with an error.
+def _overturned_or_open(values: Values) -> list[int]:
+    """Return the indices of the cases in which columns or blocks overturn or a joint opens."""
+    return [k for k, state in enumerate(values.states) if state in ("overturned", "joint opens")]
 
-    - `value`, `error`, `limit`: the value, its estimated error and its limit [SI]. If the value is not
-      finite, the error is ignored
+
+def _events(entry: Entry, values: Values) -> str:
+    """Return a text that names the cases in which columns or blocks overturn or a joint opens. Return "" if
+    there are none, or if the statistic is the worst value, whose text says this."""
+    cases = _overturned_or_open(values) if entry.keys.statistic != "max" else []
+    named = [f"{values.names[k]}: {values.texts[k]}" for k in cases[:3]]
+    return "; ".join(named) + (f"; and {len(cases) - 3} more" if len(cases) > 3 else "")
+
+
+def _utilisations(entry: Entry, kind: Kind, values: Values) -> tuple[Statistic, tuple[float, float, float]]:
+    """Return the statistic of the values of a check, and the least, the estimated and the largest utilisation
+    [–]. If columns or blocks overturn or a joint opens in one case, all three utilisations are inf, for every
+    statistic."""
+    statistic = statistic_of(values, entry.keys.statistic, kind.is_minimum)
+    if _overturned_or_open(values):
+        return statistic, (math.inf, math.inf, math.inf)
+    low, high = statistic.bounds
+    return statistic, utilisations_of(low, statistic.value, high, entry.limit, kind.is_minimum)
+
+
+def utilisations_of(
+    low: float, value: float, high: float, limit: float, is_minimum: bool
+) -> tuple[float, float, float]:
+    """Return the least, the estimated and the largest utilisation [–] of a value between two bounds.
+
+    - `low`, `value`, `high`: least value, value and largest value [SI]; `limit`: the limit [SI]
     - `is_minimum`: whether the value must be at least the limit
-    - `error_factor`: the least and the largest utilisation are those of value ± `error_factor` · error
 
     The utilisation is NaN if the value is NaN. For a maximum, an infinite value has the utilisation inf. For
     a minimum, the value inf has the utilisation 0. A value ≤ 0 that must be at least the limit has the
@@ -207,7 +230,7 @@ def utilisations_of(
         if math.isnan(y):
             return math.nan
         if not is_minimum:
-            return y / limit if math.isfinite(y) else math.inf
+            return y / limit
         if y == math.inf:
             return 0.0
         if y > 0:
@@ -215,8 +238,7 @@ def utilisations_of(
         # For y ≤ 0 the ratio limit/y is no measure of safety.
         return math.inf if limit > 0 else 0.0 if y >= limit else math.inf
 
-    shifts = (-error_factor * error, 0.0, error_factor * error) if math.isfinite(value) else (0.0,) * 3
-    results = [utilisation(value + shift) for shift in shifts]
+    results = [utilisation(y) for y in ((low, value, high) if math.isfinite(value) else (value,) * 3)]
     return min(results), results[1], max(results)
 
 
@@ -248,13 +270,13 @@ def _violated(kind: Kind, entry: Entry, scenes: Scenes) -> tuple[str, ...]:
 
 
 def _sensitivities(check: Check, scenes: Scenes) -> dict[str, float]:
-    """Return input y → d ln U/d ln y; empty if there are no derivatives. U is that of the mean if the
-    statistic is the mean, otherwise that of the governing motion."""
-    if check.governing is None or not math.isfinite(check.value) or check.value == 0:
+    """Return input y → d ln U/d ln y; empty if there are no derivatives or U is 0 or infinite."""
+    u = check.utilisation
+    if check.kind.has_one_value or not math.isfinite(u) or u == 0 or not math.isfinite(check.value):
         return {}
     assert check.values is not None
-    is_mean = check.statistic == "mean"
-    motions = tuple(range(len(check.values.values))) if is_mean else (check.governing,)
+    weights = np.array(check.weights)
+    motions = np.flatnonzero(weights).tolist()
     if any(check.values.unanswered[k] for k in motions if check.values.unanswered):
         return {}
     functions = {k: check.kind.slopes_function(check.entry, scenes, k) for k in motions}
@@ -262,23 +284,22 @@ def _sensitivities(check: Check, scenes: Scenes) -> dict[str, float]:
     if not differentiable:
         return {}
     data = log_slopes(scenes, check.entry, differentiable)
-    weights = data["value"] / data["value"].sum()
-    slopes = (weights * data["slope"]).sum("motion")
+    # The statistic is Σ w v, so its derivative is Σ w v s / Σ w v with s = d ln v/d ln y.
+    shares = weights[list(differentiable)] * data["value"].values
+    slopes = shares @ np.where(shares[:, None] == 0, 0.0, data["slope"].values) / shares.sum()
     sign = -1 if check.kind.is_minimum else 1
     return {str(name): sign * float(y) for name, y in zip(data["parameter"].values, slopes, strict=True)}
 
 
 def _repeat(check: Check, scenes: Scenes, law: str | None = None, variation: str = "") -> Any:
     """Evaluate a check again with another law of impact, or with a changed input or factor on the motions.
-    Return the result of `utilisations_of`, and the values.
+    Return the least, the estimated and the largest utilisation, and the values.
 
     - `check`, `scenes`: the check, and the scenes of the problem
     - `law`, `variation`: law of impact and name of the change, as for `Kind.values`
     """
     values = check.kind.values(check.entry, scenes, law, variation)
-    value, error, _ = statistic_of(values, check.statistic, check.kind.is_minimum)
-    limit, is_minimum = check.entry.limit, check.kind.is_minimum
-    return utilisations_of(value, error, limit, is_minimum, values.error_factor), values
+    return _utilisations(check.entry, check.kind, values)[1], values
 
 
 def _spread(check: Check, scenes: Scenes) -> dict[str, tuple[float, float]]:

@@ -27,16 +27,18 @@ class Check:
     - `result`: `"PASS"`, `"FAIL"`, `"UNDECIDED"`, `"NOT VALID"`, `"NOT MADE"` or `"BY OTHERS"`
     - `reason`: why there is no value, why the result is undecided, or a remark on the value; "" for none
     - `violated`: ids of the assumptions that do not hold, such as `"A7"`
-    - `limit`, `value`, `error`: limit, value and estimated error of the value [SI]; NaN if missing. If
-      `value` is infinite, `text` states the event that it stands for
+    - `limit`, `value`, `error`: limit, value and estimated error of the value [SI]; NaN if missing or
+      unknown. If `value` is infinite, `text` states the event that it stands for
     - `text`: text that is shown if the value is not finite, such as "overturned at 5.85 s"; otherwise ""
     - `state`: meaning of `text` for programs, one of `tables.STATES`; "" without a text
-    - `utilisation`: U = value/limit, or limit/value for a minimum [–]. inf if overturning or an open joint
-      makes the value infinite, and for a value ≤ 0 below a minimum; NaN if there is no value
-    - `governing`: index of the motion or pulse with the governing value; None if the check was not made or
-      has a single value
+    - `utilisation`: U = value/limit, or limit/value for a minimum [–]. inf if columns or blocks overturn or a
+      joint opens under one of the motions, also if the statistic is a finite median, and for a value ≤ 0
+      below a minimum; NaN if there is no value
+    - `governing`: index of the motion or pulse with the governing value. For a quantile between two values,
+      index of the worse one. None if the check was not made or has a single value, and for a mean
     - `location`: storey, joint, mode, block or time of the governing value; "" for none
     - `values`: the values of all motions or pulses; None if the check was not made
+    - `weights`: weights of the values in the statistic, with the sum 1; () if the check was not made
     - `sensitivities`: input y → derivative d ln U/d ln y; "motion" is the factor on the motions. If there are
       no derivatives, `no_slopes` is the reason
     - `spread`: input → (U with the input decreased, U with the input increased); empty if not computed. U is
@@ -58,6 +60,7 @@ class Check:
     governing: int | None = None
     location: str = ""
     values: Values | None = None
+    weights: tuple[float, ...] = ()
     sensitivities: Mapping[str, float] = dataclasses.field(default_factory=dict)
     no_slopes: str = "no derivative"
     spread: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict)

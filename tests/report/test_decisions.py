@@ -1,5 +1,6 @@
 """Results of checks (PASS, FAIL, UNDECIDED, NOT VALID), and statistics over a set."""
 
+import dataclasses
 import hashlib
 import math
 from pathlib import Path
@@ -10,16 +11,17 @@ import pytest
 import xarray
 
 import rockjax as rj
-from rockjax._report.evaluate import _sensitivities, decide, statistic_of, utilisations_of
+from rockjax._report.evaluate import _compute, _sensitivities, decide, statistic_of, utilisations_of
 from rockjax._report.evaluation import Check, Evaluation, verdict
 from rockjax._report.kinds import KINDS
-from rockjax._report.kinds.base import Values
+from rockjax._report.kinds.base import Values, worst_of
 from rockjax._report.kinds.risk import FailureKind
 from rockjax._report.plausibility import warnings_of
 from rockjax._report.scenes import Scenes
-from rockjax._report.sections import structure
+from rockjax._report.sections import structure, summary
 from rockjax._report.sections.common import governing_scene
 from rockjax._report.store import Store
+from rockjax._responses.estimate import SAFETY
 from rockjax._results import NAMES
 
 FILE = """
@@ -53,7 +55,8 @@ def values_of(*numbers, errors=None):
 
 def result(value, limit, error=0.0, minimum=False, without=False, violated=False):
     found = statistic_of(values_of(value, errors=np.array([error])), "max", minimum)
-    return decide(utilisations_of(*found[:2], limit, minimum), without, violated)
+    low, high = found.bounds
+    return decide(utilisations_of(low, found.value, high, limit, minimum), without, violated)
 
 
 def test_limits_close_to_the_value():
@@ -70,8 +73,8 @@ def test_minima():
     assert result(1.2, 1.0, minimum=True) == "PASS"
     assert result(0.9, 1.0, minimum=True) == "FAIL"
     assert result(-0.574, 0.1, minimum=True) == "FAIL"
-    assert utilisations_of(-0.574, 0.0, 0.1, True)[1] == math.inf
-    assert utilisations_of(1.0214, 0.0, 1.5, True)[1] == pytest.approx(1.4686, abs=5e-5)
+    assert utilisations_of(-0.574, -0.574, -0.574, 0.1, True)[1] == math.inf
+    assert utilisations_of(1.0214, 1.0214, 1.0214, 1.5, True)[1] == pytest.approx(1.4686, abs=5e-5)
 
 
 def test_order_of_words():
@@ -86,9 +89,127 @@ def test_order_of_words():
 )
 def test_statistics(statistic, expected):
     """Quantiles are interpolated; an overturned scene makes mean and maximum infinite, not 1 α."""
-    assert statistic_of(values_of(1.0, 2.0, 3.0, 4.0), statistic, False)[0] == pytest.approx(expected)
-    overturned = statistic_of(values_of(1.0, 2.0, 3.0, math.inf), statistic, False)[0]
+    assert statistic_of(values_of(1.0, 2.0, 3.0, 4.0), statistic, False).value == pytest.approx(expected)
+    overturned = statistic_of(values_of(1.0, 2.0, 3.0, math.inf), statistic, False).value
     assert overturned == (pytest.approx(2.5) if statistic == "median" else math.inf)
+
+
+def computed(values, tmp_path, statistic, kind="peak-rotation", limit=0.5):
+    """Return the check of a set with these values. Its slopes function gives the slopes 1, 2, … of the
+    motions."""
+    bound = "at_least" if KINDS[kind].is_minimum else "at_most"
+    text = f'[[checks]]\nkind = "{kind}"\n{bound} = {limit}\nmotions = "pulses"\nstatistic = "{statistic}"\n'
+    found = problem(tmp_path, text)
+    motions = dataclasses.replace(found.motions["pulses"], names=values.names)
+    blank = SimpleNamespace(identities=values.names, names=values.names)
+    scenes = SimpleNamespace(
+        problem=dataclasses.replace(found, motions={"pulses": motions}),
+        motion_set=lambda name: blank,
+        store=Store(),
+        describe=lambda text: None,
+        with_spread=True,
+        variations=("width-", "width+"),
+    )
+
+    class Made(type(KINDS[kind])):
+        def values(self, entry, scenes, law=None, variation=""):
+            return values
+
+        def tested_scenes(self, entry, scenes):
+            return None
+
+        def slopes_function(self, entry, scenes, case):
+            v = float(values.values[case])
+            return lambda: (v, v * (case + 1) * np.ones(5))
+
+    fields = {field.name: getattr(KINDS[kind], field.name) for field in dataclasses.fields(KINDS[kind])}
+    return _compute(found.checks[0], Made(**fields), scenes)
+
+
+def named(*numbers, texts=None, states=None, errors=None):
+    blank, names = ("",) * len(numbers), tuple(f"M{k + 1}" for k in range(len(numbers)))
+    made = values_of(*numbers, errors=errors)._replace(names=names, unanswered=blank)
+    return made._replace(texts=texts or blank, states=states or blank)
+
+
+@pytest.mark.parametrize("statistic", ["max", "mean", "median", "p84"])
+def test_one_overturned_motion_fails_every_statistic(tmp_path, statistic):
+    """The check fails also under other laws of impact and with changed inputs, and has no derivatives."""
+    for event, text in (("overturned", "overturned at 5.85 s"), ("joint opens", "joint opens")):
+        count = 11
+        texts, states = ("",) * (count - 1) + (text,), ("",) * (count - 1) + (event,)
+        values = named(*[0.1] * (count - 1), math.inf, texts=texts, states=states)
+        check = computed(values, tmp_path, statistic)
+        assert (check.result, check.utilisation) == ("FAIL", math.inf)
+        assert f"M11: {text}" in check.reason or check.text == text
+        assert {word for _, word in check.laws.values()} == {"FAIL"}
+        assert check.spread["width"] == (math.inf, math.inf)
+        assert check.sensitivities == {}
+        assert math.isfinite(check.value) == (statistic in ("median", "p84"))
+
+
+def test_an_overturned_motion_fails_a_set_with_an_unfinished_scene(tmp_path):
+    values = named(
+        0.1, math.nan, math.inf, texts=("", "", "overturned at 5.85 s"), states=("", "", "overturned")
+    )
+    values = values._replace(unanswered=("", "out_of_steps", ""))
+    assert {computed(values, tmp_path, y).result for y in ("max", "mean", "median", "p84")} == {"FAIL"}
+
+
+def test_values_without_a_utilisation_have_no_derivatives(tmp_path):
+    """For a value below 0 that must exceed a limit above 0, the derivative of ln|value| is not that of U."""
+    check = computed(named(-1.365, 2.0), tmp_path, "max", "least-axial-force", 0.1)
+    assert (check.result, check.utilisation, check.sensitivities) == ("FAIL", math.inf, {})
+    row = summary._row(check, SimpleNamespace(problem=SimpleNamespace(motions={"pulses": (1, 2)})))
+    assert row.sensitivities == "no finite value"
+
+
+def test_a_value_with_a_larger_error_decides():
+    """The largest value passes, but another one may exceed the limit; a failure of one value is certain."""
+    values = values_of(0.495, 0.494, errors=np.array([1e-11, 9e-4]))
+    found = statistic_of(values, "max", False)
+    assert found.bounds[1] == pytest.approx(0.494 + 9e-3)
+    assert found.governing == 0
+    assert found.error == 1e-11
+    low, high = found.bounds
+    assert decide(utilisations_of(low, found.value, high, 0.5, False), False, False) == "UNDECIDED"
+    certain = statistic_of(values_of(0.51, 0.40, errors=np.array([1e-11, 0.02])), "max", False)
+    low, high = certain.bounds
+    assert decide(utilisations_of(low, certain.value, high, 0.5, False), False, False) == "FAIL"
+    least = statistic_of(values_of(0.505, 0.506, errors=np.array([1e-11, 9e-4])), "max", True)
+    low, high = least.bounds
+    assert decide(utilisations_of(low, least.value, high, 0.5, True), False, False) == "UNDECIDED"
+
+
+def test_an_unbounded_error_is_undecided():
+    """The error is infinite if a joint opens in only one of the two solutions of a scene."""
+    assert result(0.1, 0.5, error=math.inf) == "UNDECIDED"
+    assert result(0.1, 0.5, error=math.nan) == "PASS"
+    assert math.isnan(statistic_of(values_of(0.1, errors=np.array([math.nan])), "max", False).error)
+
+
+def test_the_worst_joint_has_the_error_of_other_joints():
+    values, errors, joints = worst_of(np.array([[0.49, 0.495]]), np.array([[2e-3, 1e-9]]), False)
+    assert (values[0], joints[0]) == (0.495, 1)
+    assert values[0] + SAFETY * errors[0] == pytest.approx(0.51)
+    values, errors, joints = worst_of(np.array([[math.nan, 0.5, 0.51]]), np.array([[0.0, 0.0, 2e-3]]), True)
+    assert (values[0], joints[0]) == (0.5, 1)
+    assert values[0] - SAFETY * errors[0] == pytest.approx(0.49)
+
+
+@pytest.mark.parametrize(
+    ("statistic", "slope", "governs"),
+    [
+        ("max", 4.0, "M4"),
+        ("mean", (0.2 * 1 + 0.1 * 2 + 0.3 * 3 + 0.4 * 4) / 1.0, "all (mean)"),
+        ("median", (0.2 * 1 + 0.3 * 3) / 0.5, "M1 and M3"),
+        ("p84", (0.48 * 0.3 * 3 + 0.52 * 0.4 * 4) / (0.48 * 0.3 + 0.52 * 0.4), "M3 and M4"),
+    ],
+)
+def test_derivatives_are_those_of_the_statistic(tmp_path, statistic, slope, governs):
+    check = computed(named(0.2, 0.1, 0.3, 0.4), tmp_path, statistic)
+    assert check.sensitivities["width"] == pytest.approx(slope)
+    assert summary._governs(check) == governs
 
 
 def test_scenes_without_an_answer():
@@ -97,12 +218,13 @@ def test_scenes_without_an_answer():
     for minimum, limit, fails, passes in ((False, 0.5, 0.6, 0.4), (True, 0.5, 0.4, 0.6)):
         for other, expected in ((math.nan, "UNDECIDED"), (passes, "UNDECIDED"), (fails, "FAIL")):
             values = Values(np.array([math.nan, other]), np.zeros(2), blank, blank, ("weightless", ""), ())
-            value, error, governing = statistic_of(values, "max", minimum)
-            utilisations = utilisations_of(value, error, limit, minimum)
+            found = statistic_of(values, "max", minimum)
+            low, high = found.bounds
+            utilisations = utilisations_of(low, found.value, high, limit, minimum)
             assert decide(utilisations, True, False) == expected
-            assert governing == (0 if math.isnan(other) else 1)
+            assert found.governing == (0 if math.isnan(other) else 1)
     for statistic in ("mean", "median", "p84"):
-        assert math.isnan(statistic_of(values_of(0.3, math.nan), statistic, False)[0])
+        assert math.isnan(statistic_of(values_of(0.3, math.nan), statistic, False).value)
 
 
 def test_verdict():
@@ -192,8 +314,8 @@ def test_scenes_without_an_answer_have_no_history_and_no_derivatives(tmp_path):
     """Scenes in which the weight vanishes cannot be solved again for these."""
     (entry,) = problem(tmp_path, CHECK + 'statistic = "mean"\n').checks
     values = values_of(0.3, 0.0)._replace(unanswered=("", "weightless"))
-    check = Check(entry, KINDS["peak-rotation"], "UNDECIDED", value=0.15, governing=0, values=values)
-    assert _sensitivities(check, None) == {}
+    check = Check(entry, KINDS["peak-rotation"], "UNDECIDED", value=0.15, utilisation=0.3, values=values)
+    assert _sensitivities(dataclasses.replace(check, weights=(0.5, 0.5)), None) == {}
     names = ["weightless", "end_of_time", "overturned", "out_of_steps"]
     data = {"result": [NAMES.index(name) for name in names], "peak_rotation": [0.0, 0.0, 0.5, np.nan]}
     data["overturned"] = [name == "overturned" for name in names]
@@ -227,8 +349,9 @@ def test_the_interval_of_a_probability_is_lognormal(tmp_path, monkeypatch, limit
     data = xarray.Dataset(numbers | {"interval": ("bound", [0.1 / spread, 0.1 * spread])})
     monkeypatch.setattr(FailureKind, "_data", lambda *_: data)
     values = KINDS["failure-probability"].values(None, None)
-    value, error, _ = statistic_of(values, "max", False)
-    utilisations = utilisations_of(value, error, limit, False, values.error_factor)
+    found = statistic_of(values, "max", False)
+    low, high = found.bounds
+    utilisations = utilisations_of(low, found.value, high, limit, False)
     assert decide(utilisations, False, False) == expected
 
 
@@ -259,8 +382,9 @@ def test_undecided_overturning_is_no_failure(tmp_path, monkeypatch, kind, overtu
     (entry,), data = found.checks, peaks_with_outcomes(overturned, undecided)
     monkeypatch.setattr(Scenes, "_peaks", lambda *_: data)
     values = KINDS[kind].values(entry, Scenes(found, Store(), {}))
-    value, error, _ = statistic_of(values, "max", False)
-    utilisations = utilisations_of(value, error, entry.limit, False, values.error_factor)
+    found = statistic_of(values, "max", False)
+    low, high = found.bounds
+    utilisations = utilisations_of(low, found.value, high, entry.limit, False)
     assert decide(utilisations, any(values.unanswered), False) == expected
 
 

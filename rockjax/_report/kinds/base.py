@@ -46,6 +46,8 @@ class Values(NamedTuple):
       one. For an estimated probability, the tuple has at most one reason. The tuple is empty for values that
       always have an answer
     - `names`: (n,) names of the cases; empty for a single value for all cases
+    - `interval`: lower bound, upper bound [SI] and confidence of an interval for the single value; () if
+      unknown
     - `remark`: text that the summary adds to the value, or ""
     - `error_factor`: a check passes only if value ± `error_factor` · error satisfies the limit
     - `states`: (n,) meanings of the texts, from `tables.STATES`; "" for numbers. Empty if all values are
@@ -61,6 +63,7 @@ class Values(NamedTuple):
     remark: str = ""
     error_factor: float = SAFETY
     states: tuple[str, ...] = ()
+    interval: tuple[float, ...] = ()
 
 
 def one_value(value: float, error: float = np.nan, **fields: Any) -> Values:
@@ -70,41 +73,101 @@ def one_value(value: float, error: float = np.nan, **fields: Any) -> Values:
     )
 
 
-def statistic_of(values: Values, statistic: str, is_minimum: bool) -> tuple[float, float, int]:
-    """Return the statistic of values [SI], its estimated error [SI], and the index of the governing value.
+class Statistic(NamedTuple):
+    """A statistic of the n values of a check.
 
-    The largest value governs, or the least for a minimum.
+    - `value`: the statistic [SI]; NaN if a value that it needs is NaN
+    - `error`: its estimated error [SI]; NaN if no value has a finite error
+    - `bounds`: least and largest statistic of the values ± `Values.error_factor` · error [SI]
+    - `weights`: (n,) weights of the values in the statistic, with the sum 1
+    - `governing`: index of the worst value with a nonzero weight
+    """
 
-    - `values`: values of a check. A NaN cannot govern, but it makes the mean, the median and the quantile NaN
-    - `statistic`: "max" (the governing value), "mean", "median" or "p84" (the 84 % quantile, or the 16 %
-      quantile for a minimum)
+    value: float
+    error: float
+    bounds: tuple[float, float]
+    weights: np.ndarray
+    governing: int
+
+    @property
+    def has_one_case(self) -> bool:
+        """True if the statistic is one of the values."""
+        return np.count_nonzero(self.weights) == 1
+
+
+def statistic_of(values: Values, statistic: str, is_minimum: bool) -> Statistic:
+    """Return a statistic of values.
+
+    - `values`: values of a check. A NaN cannot be the largest or least value, but it makes the mean, the
+      median and the quantile NaN
+    - `statistic`: "max" (the largest value, or the least for a minimum), "mean", "median" or "p84" (the 84 %
+      quantile, or the 16 % quantile for a minimum). Quantiles are interpolated linearly between two values
+    - `is_minimum`: whether the value must be at least the limit
+
+    An error that is inf makes the bounds of its value infinite. An unknown error (NaN) counts as rounding.
+    """
+    y = values.values
+    finite = np.where(np.isfinite(y), y, 0.0)
+    errors = np.where(np.isnan(values.errors), 0.0, values.errors)
+    errors = np.where(np.isfinite(y), np.maximum(errors, ROUNDING * np.abs(finite)), 0.0)
+    value, weights = _weighted(y, statistic, is_minimum)
+    low, high = (
+        _weighted(y + sign * values.error_factor * errors, statistic, is_minimum)[0] for sign in (-1, 1)
+    )
+    error = math.nan
+    if np.isfinite(values.errors).any() and math.isfinite(value):
+        known = np.where(np.isfinite(values.errors), values.errors, 0.0)
+        error = float(weights @ known)
+        for shifted, others in (_weighted(y + sign * known, statistic, is_minimum) for sign in (-1, 1)):
+            if not np.array_equal(others, weights):  # other values decide
+                error = max(error, abs(shifted - value))
+    used = np.flatnonzero(weights)
+    signed = np.where(np.isnan(y), -np.inf, -y if is_minimum else y)
+    return Statistic(value, error, (low, high), weights, int(used[np.argmax(signed[used])]))
+
+
+def _weighted(y: np.ndarray, statistic: str, is_minimum: bool) -> tuple[float, np.ndarray]:
+    """Return a statistic of values, and the weights of the values, (n,). Arguments as for `statistic_of`."""
+    weights, has_nan = np.zeros(len(y)), bool(np.isnan(y).any())
+    if statistic == "max":
+        last = math.inf if is_minimum else -math.inf
+        weights[(np.argmin if is_minimum else np.argmax)(np.where(np.isnan(y), last, y))] = 1.0
+    elif statistic == "mean":
+        weights[:] = 1 / len(y)
+        return float(np.mean(y)), weights
+    else:
+        share = {"median": 0.5, "p84": 0.84}[statistic]
+        position = (1 - share if is_minimum else share) * (len(y) - 1)
+        order, low, high = np.argsort(y, kind="stable"), math.floor(position), math.ceil(position)
+        weights[order[low]] = 1 - (position - low)
+        weights[order[high]] += position - low
+        if has_nan:
+            return math.nan, weights
+    used = np.flatnonzero(weights)
+    return float(np.sum(weights[used] * y[used])), weights
+
+
+def worst_of(
+    y: np.ndarray, errors: np.ndarray, is_minimum: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the worst value of each row, its error, and its column, each (n,).
+
+    The worst value is the largest, or the least for a minimum. Its error covers the other values of the row:
+    value ± `SAFETY` · error contains the worst value of the row if each value is wrong by `SAFETY` times its
+    own error.
+
+    - `y`, `errors`: values and estimated errors, (n, m); a NaN among the values of a row is not the worst
     - `is_minimum`: whether the value must be at least the limit
     """
-    y, errors = values.values, np.where(np.isfinite(values.errors), values.errors, 0.0)
-    errors = np.maximum(errors, ROUNDING * np.abs(np.where(np.isfinite(y), y, 0.0)))
-    last = math.inf if is_minimum else -math.inf
-    governing = int((np.argmin if is_minimum else np.argmax)(np.where(np.isnan(y), last, y)))
-    if statistic == "max":
-        return float(y[governing]), float(errors[governing]), governing
-    if statistic == "mean":
-        return float(np.mean(y)), float(np.mean(errors)), governing
-    share = {"median": 0.5, "p84": 0.84}[statistic]
-    share = 1 - share if is_minimum else share
-    return _quantile(y, share), float(errors.max()), governing
-
-
-def _quantile(y: np.ndarray, share: float) -> float:
-    """Return a quantile, interpolated linearly between the two nearest values. It is NaN if any value is NaN.
-    It is infinite if one of the two values is infinite and has a nonzero weight."""
-    if np.isnan(y).any():
-        return math.nan
-    ordered = np.sort(y)
-    position = share * (len(ordered) - 1)
-    low, high = math.floor(position), math.ceil(position)
-    weight = position - low
-    if weight == 0:
-        return float(ordered[low])
-    return float((1 - weight) * ordered[low] + weight * ordered[high])
+    sign, rows = -1.0 if is_minimum else 1.0, np.arange(len(y))
+    signed = np.where(np.isnan(y), -np.inf, sign * y)
+    columns = np.argmax(signed, axis=-1)
+    worst = signed[rows, columns]
+    reach = np.max(signed + SAFETY * np.where(np.isnan(errors), 0.0, errors), axis=-1)
+    with np.errstate(invalid="ignore"):
+        other = np.where(np.isfinite(worst), (reach - worst) / SAFETY, np.nan)
+    own = errors[rows, columns]
+    return y[rows, columns], np.where(other > own, other, own), columns
 
 
 @dataclasses.dataclass(frozen=True)
@@ -311,7 +374,7 @@ def with_texts(
             texts.append(f"overturned at {float(data['overturn_time'][k]):.2f} s")
             states.append("overturned")
         else:
-            state = "joint opens" if np.isinf(values[k]) else ""
+            state = "joint opens" if values[k] == worst else ""
             texts.append(state)
             states.append(state)
     return Values(

@@ -24,7 +24,7 @@ from rockjax._responses.simulate import peak_response
 from rockjax._structures import Podium
 from rockjax._types import Value
 
-from .base import Kind, Values, errors_of, with_texts
+from .base import Kind, Values, errors_of, with_texts, worst_of
 
 if TYPE_CHECKING:
     import xarray
@@ -76,17 +76,15 @@ class FloorKind(Kind):
         data = scenes.peaks(str(entry.motions), law, variation).sel({self.dim: names})
         peaks = np.array(data[self.variable].values, float)
         peaks[self._overturned(data)] = np.inf
-        # A NaN, of a block that did not finish, cannot be the largest peak.
-        worst = np.argmax(np.where(np.isnan(peaks), -np.inf, peaks), axis=-1)
-        rows = np.arange(len(peaks))
-        errors = errors_of(data, self.variable)[rows, worst]
+        # A NaN, of a block that did not finish, is not the largest peak.
+        values, errors, worst = worst_of(peaks, errors_of(data, self.variable), False)
         locations = [names[k] for k in worst]
-        result = with_texts(scenes, entry, data, peaks[rows, worst], errors, locations, False)
+        result = with_texts(scenes, entry, data, values, errors, locations, False)
         texts, states, unanswered = list(result.texts), list(result.states), list(result.unanswered)
         codes = data[f"{self.dim}_result"].values
         ratio = f"{self.dim}_remaining_ratio"  # only oscillators have it
-        may_grow = (data[ratio].values > 1).any(axis=-1) if ratio in data else np.zeros(len(rows), bool)
-        for k in rows:
+        may_grow = (data[ratio].values > 1).any(axis=-1) if ratio in data else np.zeros(len(values), bool)
+        for k in range(len(values)):
             # `with_texts` gives this state to every infinite value. Here the block has overturned.
             if states[k] == "joint opens":
                 time = float(data["contents_overturn_time"].values[k, worst[k]])

@@ -21,7 +21,7 @@ from rockjax._report.units import kind_of_unit
 from rockjax._structures import Podium
 from rockjax._types import Value
 
-from .base import Kind, Values, errors_of, with_texts
+from .base import Kind, Values, errors_of, with_texts, worst_of
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,7 +70,12 @@ class PeakKind(Kind):
         run over joints, storeys or modes."""
         factor = 1.0 if self.factor is None else self.factor(problem, podium)
         convert = self.convert
-        return lambda peaks: peaks * factor if convert is None else convert(podium, peaks * factor)
+
+        def values(peaks: Any) -> Any:
+            scaled = peaks * jnp.broadcast_to(factor, np.shape(peaks))
+            return scaled if convert is None else convert(podium, scaled)
+
+        return values
 
     def values(self, entry: Entry, scenes: Scenes, law: str | None = None, variation: str = "") -> Values:
         problem = scenes.problem
@@ -87,9 +92,7 @@ class PeakKind(Kind):
             all_values, error = (y * factors.get(name, 1.0) ** exponent for y in (all_values, error))
         locations = [""] * len(raw)
         if axis is not None:
-            worst = np.argmin(all_values, axis=-1) if self.is_minimum else np.argmax(all_values, axis=-1)
-            rows = np.arange(len(raw))
-            all_values, error = all_values[rows, worst], error[rows, worst]
+            all_values, error, worst = worst_of(all_values, error, self.is_minimum)
             location_names = {
                 JOINTS: lambda k: f"{JOINT_NAMES[k]} joint",
                 STORIES: lambda k: f"storey {k + 1}",

@@ -76,7 +76,13 @@ class FragilityKind(Kind):
     def values(self, entry: Entry, scenes: Scenes, law: str | None = None, variation: str = "") -> Values:
         del law, variation
         curve = self.curve(entry, scenes)
-        return one_value(float(curve["median_capacity"]), unanswered=_unfinished_records(curve))
+        interval: tuple[float, ...] = ()
+        if "interval" in curve:
+            bounds = curve["interval"].sel(quantity="median_capacity").values
+            if np.isfinite(bounds).all():
+                interval = (*map(float, bounds), scenes.problem.fragility.confidence)
+        value, unanswered = float(curve["median_capacity"]), _unfinished_records(curve)
+        return one_value(value, unanswered=unanswered, interval=interval)
 
     def tested_scenes(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
         curve = self.curve(entry, scenes)

@@ -76,7 +76,7 @@ def searched_values(
         **fields,
     )
     greatest, least = (
-        statistic_of(result._replace(values=y), entry.keys.statistic, True)[0]
+        statistic_of(result._replace(values=y), entry.keys.statistic, True).value
         for y in (values, np.where(is_missing | is_open, end, values))
     )
     if not greatest >= entry.limit > least:

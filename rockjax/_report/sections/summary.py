@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rockjax._report.blocks import Limit, Section, Summary, SummaryRow
 from rockjax._report.tables import Quantity, Text, TextCell
@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 SHOWN_SLOPES = 4  # largest number of derivatives that a row of the summary shows
 _NOTE = (
     "U is value/limit, or limit/value where the limit is a minimum. Errors are estimates of the numerical "
-    "error; for sampled probabilities, they are standard errors. “Changes with” lists the inputs y "
-    "with the largest |d ln U/d ln y|, for the governing motion or, if the statistic is the mean, for the "
-    "mean. “U with spread” is the range of U, evaluated with all motions, if one input at a time is changed "
-    "by "
+    "error; for sampled probabilities, they are standard errors. If columns overturn or a joint opens under "
+    "one motion of the set, U exceeds 1 for every statistic. “Changes with” lists the inputs y with the "
+    "largest |d ln U/d ln y|, for the motions that govern. “U with spread” is the range of U, evaluated "
+    "with all motions, if one input at a time is changed by "
 )
 
 
@@ -52,12 +52,6 @@ def _row(check: Check, evaluation: Evaluation) -> SummaryRow:
             clause=check.clause,
             is_target=check.is_target,
         )
-    if math.isfinite(check.value):
-        value: Quantity | TextCell = Quantity(
-            check.value, check.entry.quantity, check.error if check.error > 0 else None
-        )
-    else:
-        value = TextCell(check.text, check.state)
     if math.isfinite(check.utilisation):
         utilisation: Quantity | TextCell = Quantity(check.utilisation, "utilisation")
     elif math.isnan(check.utilisation):
@@ -68,7 +62,7 @@ def _row(check: Check, evaluation: Evaluation) -> SummaryRow:
         check.id,
         check.name,
         scope,
-        value,
+        _value(check),
         limit,
         utilisation,
         check.result,
@@ -82,10 +76,27 @@ def _row(check: Check, evaluation: Evaluation) -> SummaryRow:
     )
 
 
+def _value(check: Check) -> Quantity | TextCell:
+    """Return the value of a check with its error, or with its interval if the error is unknown."""
+    if not math.isfinite(check.value):
+        return TextCell(check.text, check.state)
+    kind, note = check.entry.quantity, ()
+    if check.values is not None and check.values.interval:
+        lower, upper, confidence = check.values.interval
+        note = (f"{confidence:.0%} interval ", Quantity(lower, kind), " to ", Quantity(upper, kind))
+    return Quantity(check.value, kind, check.error if check.error > 0 else None, note=note)
+
+
 def _governs(check: Check) -> Text:
-    """Return the governing motion or pulse of a check, the location of the value, and `check.reason`."""
+    """Return the governing motion or pulse of a check, the location of the value, and `check.reason`. For a
+    quantile between two values, return both motions."""
     names = check.values.names if check.values else ()
-    name = names[check.governing] if check.governing is not None and names else "whole set"
+    if not names:
+        name = "whole set"
+    elif check.statistic == "mean":
+        name = "all (mean)"
+    else:
+        name = " and ".join(name for name, weight in zip(names, check.weights, strict=True) if weight)
     return ", ".join(text for text in (name, check.location, check.reason) if text)
 
 
@@ -93,7 +104,8 @@ def _slopes(check: Check) -> Text:
     """Return the derivatives of a check with the largest absolute values, or the reason why there are
     none."""
     if not check.sensitivities:
-        return check.no_slopes if math.isfinite(check.value) else "no finite value"
+        is_finite = math.isfinite(check.value) and math.isfinite(check.utilisation)
+        return check.no_slopes if is_finite else "no finite value"
     largest = sorted(check.sensitivities.items(), key=lambda item: -abs(item[1]))[:SHOWN_SLOPES]
     return ", ".join(f"{name} {value:+.2f}".replace("-", "−") for name, value in largest)
 
@@ -113,15 +125,17 @@ def _spread(check: Check) -> Text:
     if not changes:
         return "no value"
     lowest, highest = min(u for u, _ in changes), max(changes)
+    least = Quantity(lowest, "utilisation") if math.isfinite(lowest) else ""
     infinite = [name for u, name in changes if not math.isfinite(u)]
     missing = [name for name, u in utilisations.items() if math.isnan(u)]
     if infinite and math.isfinite(check.utilisation):
-        text = f"from {lowest:.2f}; no finite value with {_first_three(infinite)}"
+        beginning = ("from ", least, "; ") if least else ()
+        text: tuple[Any, ...] = (*beginning, f"no finite value with {_first_three(infinite)}")
     elif infinite:
-        text = f"from {lowest:.2f}" if math.isfinite(lowest) else "no finite value"
+        text = ("from ", least) if least else ("no finite value",)
     else:
-        text = f"{lowest:.2f} … {highest[0]:.2f} ({highest[1]})"
-    return f"{text}; no value with {_first_three(missing)}" if missing else text
+        text = (least, " … ", Quantity(highest[0], "utilisation"), f" ({highest[1]})")
+    return (*text, f"; no value with {_first_three(missing)}") if missing else text
 
 
 def _first_three(names: list[str]) -> str:
