@@ -13,8 +13,10 @@ successive values, each extrapolated from two steps, agree. With `--ways`, answe
 solutions that count all impacts, have no derivatives, or use `tsit5`. `--faults FOLDER` writes each fault to
 a file, which `python -m benchmarks.agreement --again FILE` solves again.
 
-A difference that exceeds the limits gets one of these names:
+A difference that exceeds the limits gets one of these names. NaN in a finished scene, and a scene with the
+result `not_finite`, is always a FAULT.
 
+- not compared: the scene did not finish
 - tie: two peaks are equal, and the derivative belongs to one of them
 - flagged: the error estimate (`errors`) is of this size, or the scene is undecided
 - grazing: central differences do not settle, and an impact of the scene is nearly grazing
@@ -85,6 +87,7 @@ PARAMETERS = ("alpha", "scale")
 STEPS = (3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6)  # steps of ln α and of the logarithm of the scale
 RELATIVE, ABSOLUTE = 1e-5, 1e-8  # limits of the difference of two answers
 MAX_STEPS = 20_000  # largest number of steps of a scene; scenes that need more are not compared
+NOT_COMPARED = "not compared"
 SAFETY = 10.0  # an answer is flagged if its estimated error times this factor reaches the difference
 GRAZES = 1e-3  # an impact is nearly grazing if its speed is below this multiple of pα
 
@@ -346,8 +349,8 @@ class Difference(NamedTuple):
     scene: int
     answer: str  # name of the answer, or of its derivative with the parameter
     route: str  # tolerance or method
-    ours: float  # compared value
-    right: float  # reference value
+    ours: float  # compared value; the code of the result if the scene did not finish
+    right: float  # reference value; NaN if the scene did not finish
     name: str  # one of the names at the top of this module
 
     def __str__(self):
@@ -385,11 +388,15 @@ def compare(
             answer = answers[column]
             if parameter:
                 answer = f"d {answer}/d ln {PARAMETERS[parameter[0]]}"
-            name = next((name for name, mask in masks.items() if mask[index]), "FAULT")
+            causes = () if np.isnan(ours[index]) else masks.items()
+            name = next((name for name, mask in causes if mask[index]), "FAULT")
             deviations.append(Difference(kind, scene, answer, route, ours[index], reference[index], name))
 
-    def judge(route, rtol, values):
-        is_off = ~(np.abs(values - reference) <= limit) & answered
+    def judge(route, rtol, peak):
+        deviations.extend(unfinished(kind, route, peak))
+        values = finite_columns(peak, outputs, count)
+        has_answer = answered & ~results.did_not_finish(results.code_of(peak.result))
+        is_off = ~(np.abs(values - reference) <= limit) & has_answer
         if is_off.any():
             masks = {name: mask.any(axis=-1) for name, mask in unsettled.items()}
             flagged = flags(outputs, batch, rtol, np.maximum(limit, np.abs(values - reference)))
@@ -402,7 +409,7 @@ def compare(
     is_slow = np.all(np.diff(ordered, axis=0) < 0, axis=0) & (ordered[-1] <= slope_limit)
     is_slow &= kind.devices == "power"
     for rtol, peak in peaks.items():
-        judge(f"{rtol:g}", rtol, finite_columns(peak, outputs, count))
+        judge(f"{rtol:g}", rtol, peak)
         wrong = ~(errors[rtol] <= slope_limit) & answered[:, None]
         if wrong.any():
             on_side = [np.abs(slopes[rtol] - side) <= 100 * slope_limit for side in differences.sides]
@@ -419,8 +426,18 @@ def compare(
             ("all impacts", TOLERANCES[1], (*outputs, "impacts"), "dopri8"),
             ("tsit5", TOLERANCES[2], outputs, "tsit5"),
         ):
-            judge(route, rtol, finite_columns(solve(batch, requested, rtol, method), outputs, count))
+            judge(route, rtol, solve(batch, requested, rtol, method))
     return deviations
+
+
+def unfinished(kind: SceneKind, route: str, peak: rj.Peak) -> list[Difference]:
+    """Return an entry for each scene of a batch that did not finish."""
+    codes = np.asarray(results.code_of(peak.result))
+    name_of = lambda code: "FAULT" if code == results.NOT_FINITE else NOT_COMPARED
+    return [
+        Difference(kind, int(k), "result", route, float(codes[k]), np.nan, name_of(codes[k]))
+        for k in np.flatnonzero(results.did_not_finish(codes))
+    ]
 
 
 def flags(outputs: tuple[str, ...], batch: Scenes, rtol: float, error: np.ndarray) -> np.ndarray:

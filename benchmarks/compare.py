@@ -18,7 +18,18 @@ import numpy as np
 
 import rockjax as rj
 
-from .measure import PERIODS, Family, errors, family, options, podium, report, rockjax_peaks, shortest_time
+from .measure import (
+    PERIODS,
+    Family,
+    errors,
+    family,
+    options,
+    podium,
+    report,
+    rockjax_peaks,
+    rotations_and_outcomes,
+    shortest_time,
+)
 
 TARGETS = (1e-6, 1e-8, 1e-10)
 TOLERANCES = [10.0**-k for k in np.arange(4.0, 13.01, 0.5)]
@@ -43,8 +54,7 @@ def largest_tolerance(solve: Solve, scenes: Family, target: float) -> float | No
 def segments(scenes: Family, rtol: float) -> tuple[np.ndarray, np.ndarray]:
     """Solve by one vmapped `diffeqsolve` with an event for each segment, as in the Diffrax documentation."""
     settings = options(rtol, engine="segments")
-    peaks = _segments(podium(scenes), rj.Ricker(scenes.a_p, scenes.T_p), settings)
-    return np.asarray(peaks.peak_rotation), np.asarray(peaks.overturned)
+    return rotations_and_outcomes(_segments(podium(scenes), rj.Ricker(scenes.a_p, scenes.T_p), settings))
 
 
 @jax.jit

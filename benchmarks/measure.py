@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 import rockjax as rj
+from rockjax._results import code_of, did_not_finish
 
 RESULTS = Path(__file__).parent / "results"
 IMAGES = Path(__file__).parent.parent / "docs" / "images"
@@ -97,7 +98,15 @@ def rockjax_peaks(
     peaks = rj.peak_responses(
         podium(family), rj.Ricker(family.a_p, family.T_p), options=options(rtol, method, **more)
     )
-    return np.asarray(peaks.peak_rotation), np.asarray(peaks.overturned)
+    return rotations_and_outcomes(peaks)
+
+
+def rotations_and_outcomes(peaks: rj.Peak) -> tuple[np.ndarray, np.ndarray]:
+    """Return max|θ|/α and whether the columns overturn. The rotation of a scene that did not finish is NaN,
+    because its peak is incomplete."""
+    return np.where(did_not_finish(code_of(peaks.result)), np.nan, peaks.peak_rotation), np.asarray(
+        peaks.overturned
+    )
 
 
 _references: dict[tuple, tuple[np.ndarray, np.ndarray]] = {}
@@ -122,7 +131,8 @@ def errors(results: tuple[np.ndarray, np.ndarray], family: Family) -> dict[str, 
 def difference_quantiles(
     results: tuple[np.ndarray, np.ndarray], expected: tuple[np.ndarray, np.ndarray]
 ) -> dict[str, float]:
-    """Compare two pairs (peaks, overturned); return a dictionary like `errors`."""
+    """Compare two pairs (peaks, overturned); return a dictionary like `errors`. If a peak is NaN, the errors are
+    NaN."""
     same = results[1] == expected[1]
     error = np.abs(results[0] - expected[0])[same]
     return {

@@ -33,6 +33,7 @@ from .measure import (
     difference_quantiles,
     options,
     podium,
+    rotations_and_outcomes,
     shortest_time,
     show,
     store_rows,
@@ -60,8 +61,7 @@ class Suite:
         self.intensity = np.linspace(0.5, 12.0, 12) * uplift
 
     def solve(self, structure: rj.Podium, options: rj.Options) -> Answer:
-        peaks = rj.peak_responses(structure, self.scenes, options=options)
-        return np.asarray(peaks.peak_rotation), np.asarray(peaks.overturned)
+        return rotations_and_outcomes(rj.peak_responses(structure, self.scenes, options=options))
 
 
 def by_peer(peer: ModuleType, suite: Suite, scenes: Family, rtol: float) -> Answer:

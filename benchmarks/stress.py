@@ -5,9 +5,10 @@
 The campaign draws random structures, motions, initial states, tolerances and methods, in groups that share
 one compiled program. With `--control`, the groups have restrainers, vertical motion or several modes. Each
 scene is solved at the requested tolerance with an error estimate, and for the reference at a much smaller
-tolerance. An implementation that shares no code with the project solves a sample of the scenes. With
-`--store`, each batch is a sweep in this folder. The same command continues an interrupted campaign, and
-repeats the report of a finished campaign.
+tolerance. `tests/restrained.py` solves a sample of the scenes with its own equations of motion, integrator
+and events; the formula, the span and the breakpoints of the pulse, the restitution factor and the modes of
+the superstructure come from rockjax. With `--store`, each batch is a sweep in this folder. The same command
+continues an interrupted campaign, and repeats the report of a finished campaign.
 
 The campaign looks for results without a name, NaN, values out of range, scenes that do not finish, outcomes
 that change without a flag, and errors beyond the estimate. It also counts trial steps. For each failure, it
@@ -35,7 +36,7 @@ from tqdm import tqdm
 
 import rockjax as rj
 from rockjax._responses.peak import peak_variables
-from rockjax._results import NAMES
+from rockjax._results import NAMES, NOT_FINITE, OVERTURNED, code_of, did_not_finish
 
 from . import stress_control as control
 from .measure import log_uniform, mix_in, show, store_rows
@@ -245,6 +246,7 @@ class Findings:
     flips: int = 0  # scenes that overturn at only one of the two tolerances, requested or reference
     unflagged: int = 0  # flips without the flag `undecided`
     undecided: int = 0
+    compared: int = 0  # scenes with an answer at both tolerances
     trials: list[np.ndarray] = dataclasses.field(default_factory=list)
     beyond: int = 0  # scenes with a vibration of more than `VIBRATION`
     within: int = 0  # unfinished scenes with a vibration of at most `VIBRATION`
@@ -262,7 +264,8 @@ class Findings:
 
 # ------------------------------------------------------------------------------- independent implementation
 def against_reference(job: Job) -> tuple[float, float, bool, bool]:
-    """Return (error, estimate, whether the outcomes agree, undecided) of one scene."""
+    """Return (error, estimate, whether the outcomes agree, undecided) of one scene. The error of a scene that
+    did not finish is infinite."""
     group, rtol, n, seed, k = job
     scenes = batch(group, rtol, n, seed)
     podium, motion, initial = scene(scenes, k)
@@ -273,6 +276,8 @@ def against_reference(job: Job) -> tuple[float, float, bool, bool]:
     )
     limit = float(scenes.options.overturn_ratio * podium.alpha)
     reference = control.by_scipy(podium, motion, initial, end, limit)
+    if did_not_finish(int(code_of(peak.result))):
+        return math.inf, 0.0, True, False
     errors = peak.errors
     assert errors is not None
     same = bool(peak.overturned) == math.isfinite(reference.overturn_time)
@@ -340,8 +345,11 @@ def judge(
     findings.fail("no named result", (code < 0) | (code >= len(NAMES)), line)
     for kind in OUT_OF_STEPS:
         findings.fail(f"steps: {NAMES[kind]}", code == kind, line)
-    findings.fail("not finite", code == NAMES.index("not_finite"), line)
-    answered, has_reference = code <= 2, true_code <= 2
+    findings.fail("not finite", code == NOT_FINITE, line)
+    for kind in range(NOT_FINITE + 1, len(NAMES)):
+        if kind not in OUT_OF_STEPS:
+            findings.fail(f"result: {NAMES[kind]}", code == kind, line)
+    answered, has_reference = code <= OVERTURNED, true_code <= OVERTURNED
     ratio = float(scenes.options.overturn_ratio)
     # The largest value of all modes; NaN if the value of a mode is NaN.
     values = {name: np.reshape(peak[name], (code.size, -1)).max(axis=-1) for name in QUANTITIES}
@@ -363,6 +371,7 @@ def judge(
     findings.trials.append(peak["steps"][answered])
 
     is_compared = answered & has_reference
+    findings.compared += int(is_compared.sum())
     undecided = peak["undecided"].astype(bool)
     flips = is_compared & (overturned != reference["overturned"].astype(bool))
     findings.flips += int(flips.sum())
@@ -433,6 +442,7 @@ def table(selections: dict[str, list[Findings]]) -> list[dict[str, Any]]:
                 "beyond": sum(f.beyond for f in findings),
                 "within, out of steps": sum(f.within for f in findings),
                 "not finite": sum(f.results.get("not_finite", 0) for f in findings),
+                "compared": sum(f.compared for f in findings),
                 "within 10 x": float(np.mean(ratios <= 10)),
                 "undecided": sum(f.undecided for f in findings) / total,
                 "flips": sum(f.flips for f in findings),
@@ -452,20 +462,28 @@ def compared_with_reference(seed: int, number: int, candidates: list[Group]) -> 
         jobs = sample_for_reference(seed, number, candidates)
         results = list(tqdm(pool.map(against_reference, jobs, chunksize=4), total=number, unit=" references"))
     rows = np.array(results, float)
+    answer, is_failure = count_reference_errors(rows)
+    print("\nagainst the independent implementation:", answer)
+    for k in np.flatnonzero(is_failure)[:10]:
+        print(f"    error {rows[k, 0]:.1e}, estimate {rows[k, 1]:.1e}: {repeat(*jobs[k])}")
+    return answer
+
+
+def count_reference_errors(rows: np.ndarray) -> tuple[dict[str, Any], np.ndarray]:
+    """Return the summary of the answers of `against_reference`, shape (n, 4), and a mask of failures (n,)."""
     error, estimate, same, undecided = rows.T
     same = same.astype(bool)
-    beyond = same & (error > 10 * estimate + 3e-10)  # the reference itself is good to some 1e-10
+    # The reference itself is good to some 1e-10. NaN is beyond every estimate.
+    beyond = same & ~(error <= 10 * estimate + 3e-10)
+    other_class = ~same & (undecided == 0)
     answer = {
         "reference scenes": len(rows),
-        "other class": int((~same & (undecided == 0)).sum()),
+        "other class": int(other_class.sum()),
         "beyond estimate": int(beyond.sum()),
         "median error": float(np.median(error[same])),
         "largest error": float(error[same].max()),
     }
-    print("\nagainst the independent implementation:", answer)
-    for k in np.flatnonzero(beyond | (~same & (undecided == 0)))[:10]:
-        print(f"    error {error[k]:.1e}, estimate {estimate[k]:.1e}: {repeat(*jobs[k])}")
-    return answer
+    return answer, beyond | other_class
 
 
 def main() -> None:

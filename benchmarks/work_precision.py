@@ -30,6 +30,7 @@ from .measure import (
     podium,
     report,
     rockjax_peaks,
+    rotations_and_outcomes,
     shortest_time,
     store_rows,
     stored_rows,
@@ -85,17 +86,17 @@ def control(points: int = 20) -> None:
     for name, structure in PODIUMS.items():
         motion = motion_of(name, scenes.a_p, scenes.T_p)
         solve = functools.partial(rj.peak_responses, structure, motion)
-        answer = lambda peaks: (np.asarray(peaks.peak_rotation), np.asarray(peaks.overturned))
-        truth = answer(solve(options=options(1e-13)))
+        truth = rotations_and_outcomes(solve(options=options(1e-13)))
         for method, limit in CONTROL_LIMITS.items():
             operations = operations_of_trial(structure, motion_of(name, 3.0, 1.0), options(1e-8, method))
             for rtol in (rtol for rtol in TOLERANCES if rtol >= 0.99 * limit):
                 peaks = solve(options=options(rtol, method))
                 trials = float(np.mean(peaks.stats.steps + peaks.stats.rejected))
                 row = {"family": name, "method": method, "rtol": rtol, "trials": trials}
-                row |= {"operations": operations} | difference_quantiles(answer(peaks), truth)
-                error = np.abs(answer(peaks)[0] - truth[0])[answer(peaks)[1] == truth[1]]
-                rows.append(row | {"median": float(np.median(error[error > 0]))})
+                rotations, outcomes = rotations_and_outcomes(peaks)
+                row |= {"operations": operations} | difference_quantiles((rotations, outcomes), truth)
+                error = np.abs(rotations - truth[0])[outcomes == truth[1]]
+                rows.append(row | {"median": float(np.median(error[~(error == 0)]))})
                 print(rows[-1], flush=True)
         store_rows("work_precision_control", rows)
     report("work_precision_control", rows)
