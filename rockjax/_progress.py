@@ -11,6 +11,7 @@ from tqdm.auto import tqdm  # a widget in notebooks
 
 from ._programs.program import current_compilation
 
+BAR_LOCK = threading.Lock()  # several threads and batches may update one progress bar
 TICK = 1.0  # time between updates of the elapsed time [s]
 
 

@@ -14,6 +14,7 @@ import xarray
 
 import rockjax as rj
 from rockjax._batch import batch as _batch
+from rockjax._batch import executors
 from rockjax._cli import _checkpoint
 from rockjax._files import write_atomically
 
@@ -110,6 +111,19 @@ def test_ctrl_c_in_a_batch_keeps_solved_scenes(monkeypatch):
     assert 0 < left.sum() < 4000 - 300
     np.testing.assert_array_equal(some.peak_rotation[~left], complete.peak_rotation[~left])
     assert np.isnan(some.peak_rotation[left]).all()
+
+
+def test_ctrl_c_while_lanes_are_prepared_has_no_answers(monkeypatch):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(executors, "idle_lanes", stop)
+    podium, motions = PODIUMS["rigid"], rj.Ricker(np.array([2.0, 3.0]), 1.0)
+    for solve in (
+        lambda: rj.peak_responses(podium, motions),
+        lambda: _batch.raw_responses(podium, motions, rj.Options(), False, False),
+    ):
+        assert interrupted(solve).partial is None
 
 
 def test_ctrl_c_does_not_wait_for_a_scene_that_takes_minutes():

@@ -8,6 +8,7 @@ of a thread or accelerator make their trial steps (accepted or rejected steps) a
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import threading
 import warnings
@@ -55,8 +56,6 @@ ACCELERATOR_CHUNK = 4  # number of scenes in a chunk, per lane
 # Largest number of samples of records in all lanes of a device together. With long records, the number of
 # lanes is halved until this limit is met.
 ACCELERATOR_VALUES = 2**26
-
-_BAR_LOCK = threading.Lock()  # several threads and batches may update one progress bar
 
 
 def peak_responses(
@@ -173,15 +172,15 @@ def responses(
     if not options.of_joints and "elevation" not in varied:
         podiums = podiums.without_elevation()
     systems = as_systems("peak_responses", podiums, on_floors)
-    scenes, shape = broadcast("peak_responses", podiums, excitations, initial, t_end)
     solution_count = 2 if "errors" in options.outputs else 1
-    require_memory(
-        "peak_responses", scenes.total, solution_count * BYTES_PER_SCENE + len(names) * BYTES_PER_SENSITIVITY
-    )
-    lane_executor = executor_for("peak_responses", devices, threads)
-    solutions = [run_batch(scenes, options, progress, stop, lane_executor, names)[:2]]
-    if "errors" in options.outputs and not stop.is_set():
-        solutions.append(run_batch(scenes, second_options(options), False, stop, lane_executor)[:2])
+    bytes_each = solution_count * BYTES_PER_SCENE + len(names) * BYTES_PER_SENSITIVITY
+    with _interrupted_by_ctrl_c():
+        scenes, shape = broadcast("peak_responses", podiums, excitations, initial, t_end)
+        require_memory("peak_responses", scenes.total, bytes_each)
+        lane_executor = executor_for("peak_responses", devices, threads)
+        solutions = [run_batch(scenes, options, progress, stop, lane_executor, names)[:2]]
+        if "errors" in options.outputs and not stop.is_set():
+            solutions.append(run_batch(scenes, second_options(options), False, stop, lane_executor)[:2])
     if stop.is_set() and not (len(solutions) == solution_count and all("code" in y for _, y in solutions)):
         scene = (
             "scene" if solution_count == 1 else "scene and its second solution, which estimates the errors,"
@@ -227,15 +226,29 @@ def raw_responses(
     Raises [`rockjax.Interrupted`][] without answers if Ctrl-C stops the batch.
     """
     check_range("peak_responses", podiums, excitations, None, options)
-    scenes, _ = broadcast("peak_responses", podiums, excitations, REST, None)
-    require_memory("peak_responses", scenes.total, BYTES_PER_SCENE + edge_distance * BYTES_PER_SENSITIVITY)
     stop = threading.Event()
     names = (SCALE,) if edge_distance else ()
-    floats, integers, _ = run_batch(scenes, options, progress, stop, None, names, edge_distance)
+    bytes_each = BYTES_PER_SCENE + edge_distance * BYTES_PER_SENSITIVITY
+    with _interrupted_by_ctrl_c():
+        scenes, _ = broadcast("peak_responses", podiums, excitations, REST, None)
+        require_memory("peak_responses", scenes.total, bytes_each)
+        floats, integers, _ = run_batch(scenes, options, progress, stop, None, names, edge_distance)
     if stop.is_set():
         raise Interrupted("stopped while scenes were solved", None)
     _warn_of_codes(integers["code"], stacklevel=3)
     return floats, integers
+
+
+@contextlib.contextmanager
+def _interrupted_by_ctrl_c() -> Iterator[None]:
+    """Raise `Interrupted` instead of any other `KeyboardInterrupt` in the `with` block, such as that of Ctrl-C
+    while lanes are prepared."""
+    try:
+        yield
+    except Interrupted:
+        raise
+    except KeyboardInterrupt:
+        raise Interrupted("stopped before any scene had ended", None) from None
 
 
 class Tally(NamedTuple):
@@ -301,9 +314,10 @@ def run_batch(
         # The answers of a chunk are stored while the lanes already solve the next chunk.
         for done, _ in itertools.pairwise(itertools.chain(solve_chunks(), [None])):
             stored_count = answers.store(cast(DoneScenes, done))
-            with _BAR_LOCK:
+            with BAR_LOCK:
                 bar.update(stored_count)
 
+    from rockjax._progress import BAR_LOCK
     from rockjax._progress import bar as bar_of
 
     threads = min(executor.threads, len(pending))

@@ -52,6 +52,7 @@ def answers_on_floors(
 
     Raises [`rockjax.Interrupted`][], without partial answers, if the batch is stopped.
     """
+    from rockjax._progress import BAR_LOCK
     from rockjax._progress import bar as bar_of
 
     options = floor_options(options)
@@ -79,7 +80,8 @@ def answers_on_floors(
                 except IndexError:
                     return
                 answers[first] = solve(first)
-                bar.update(answers[first][1][1].size)
+                with BAR_LOCK:
+                    bar.update(answers[first][1][1].size)
 
         run_in_threads(work, min(threads, len(pending)), stop, raises=False)
     if stop.is_set():

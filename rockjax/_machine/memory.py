@@ -42,10 +42,7 @@ def require_memory(
     try:
         lines = (SYSTEM_ROOT / "proc/meminfo").read_text().splitlines()
         free += [1024 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable:")]
-        max_file, used_file = (
-            SYSTEM_ROOT / "sys/fs/cgroup" / f"memory.{name}" for name in ("max", "current")
-        )
-        free += [int(max_file.read_text()) - int(used_file.read_text())]  # limit of a container
+        free.append(_free_in_container())
     except (OSError, ValueError):  # another system, no container, or no limit (the file contains "max")
         pass
     if free and needed > min(free):
@@ -53,6 +50,15 @@ def require_memory(
             f"{owner}: {number} {noun} need about {readable_bytes(needed)} of memory, but only "
             f"{readable_bytes(max(0, min(free)))} are free; {advice}"
         )
+
+
+def _free_in_container() -> int:
+    """Return the memory limit of a container minus the used memory [bytes]. Cached files that the system can
+    drop count as free. Raises `OSError` or `ValueError` without a container or a limit."""
+    folder = SYSTEM_ROOT / "sys/fs/cgroup"
+    limit, used = (int((folder / f"memory.{name}").read_text()) for name in ("max", "current"))
+    entries = (line.split() for line in (folder / "memory.stat").read_text().splitlines())
+    return limit - used + sum(int(entry[1]) for entry in entries if entry[0] == "inactive_file")
 
 
 def readable_bytes(number: float) -> str:

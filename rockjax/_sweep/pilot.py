@@ -89,7 +89,7 @@ def pilot(spec: SweepSpec, threads: int | None, devices: Devices) -> Pilot:
     variables = {name: variable_for(values, attrs, dims) for name, (dims, values, attrs) in results.items()}
     arrays = {name: values.astype(variables[name].dtype) for name, (_, values, _) in results.items()}
     # A core solves `LANES` scenes at a time, so a small sample occupies only some of the cores.
-    step_seconds = seconds / steps.sum() * min(count_cores(devices, threads), -(-count // LANES))
+    step_seconds = seconds / max(steps.sum(), 1.0) * min(count_cores(devices, threads), -(-count // LANES))
     return Pilot(scenes, steps, step_seconds, variables, compressed_size(arrays) / count, _resident_memory())
 
 

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 FORMAT = 1  # version of the store format
 GROUPS = "inputs", "progress"  # names of the groups of a store
+DAMAGE = OSError, RuntimeError, ValueError  # raised by zarr's codecs for damaged bytes
 _IDENTITY = "sweep"  # attribute of the group `progress` that contains the identity of the sweep
 _LONG_INPUT = 1_000_000  # inputs and 1-D coordinates with more values are stored in several chunks
 
@@ -207,25 +208,37 @@ class Store:
         """Return the parameters of the scenes by name. Long arrays that are stored in several chunks are read
         only when they are sliced."""
         group: Any = self.group["inputs"]
-        return {
-            name: array if array.size > _LONG_INPUT and array.chunks != array.shape else array[...]
-            for name, array in group.arrays()
-        }
+        with _explain_damage(self.path):
+            return {
+                name: array if array.size > _LONG_INPUT and array.chunks != array.shape else array[...]
+                for name, array in group.arrays()
+            }
 
     @property
     def expected(self) -> np.ndarray:
         """Expected trial steps of every chunk, shape (chunks,)."""
         array: Any = self.group["progress/expected"]
-        return np.asarray(array[...])
+        with _explain_damage(self.path):
+            return np.asarray(array[...])
 
     def rows(self) -> np.ndarray:
-        """Return the rows of all chunks, shape (chunks, 4); NaN for unsolved chunks."""
-        return np.asarray(self._rows[...])
+        """Return the rows of all chunks, shape (chunks, 4); NaN for unsolved chunks and damaged rows."""
+        try:
+            return np.asarray(self._rows[...])
+        except DAMAGE:
+            return np.stack([self._row_or_nan(k) for k in range(self.layout.chunk_count)])
 
     def row(self, k: int) -> ChunkRow | None:
-        """Return the row of a chunk; None for an unsolved chunk."""
-        row = ChunkRow(*map(float, self._rows[k]))
+        """Return the row of a chunk; None for an unsolved chunk or a damaged row."""
+        row = ChunkRow(*map(float, self._row_or_nan(k)))
         return None if np.isnan(row.checksum) else row
+
+    def _row_or_nan(self, k: int) -> np.ndarray:
+        """Return the row of a chunk, shape (4,); NaN for an unsolved chunk or a damaged row."""
+        try:
+            return np.asarray(self._rows[k])
+        except DAMAGE:
+            return np.full(len(ChunkRow._fields), np.nan)
 
     def mark_unsolved(self, k: int) -> None:
         """Remove the row of a chunk."""
@@ -239,7 +252,7 @@ class Store:
                 checksum({name: np.asarray(self._arrays[name][box]) for name in self.variables})
                 == ChunkRow(*row).checksum
             )
-        except (OSError, RuntimeError, ValueError):  # raised by zarr's codecs for damaged bytes
+        except DAMAGE:
             return False
 
     def write(
@@ -306,15 +319,15 @@ def _coord_chunks(array: xarray.Variable, chunk_lengths: Mapping[str, int]) -> t
 
 @contextlib.contextmanager
 def _explain_damage(path: str) -> Iterator[None]:
-    """Return a context that replaces zarr's errors about damaged metadata by a `ValueError`, which names the
-    file and the remedy."""
+    """Return a context that replaces zarr's errors about damaged metadata and arrays by a `ValueError`, which
+    names the file, if it is known, and the remedy."""
     try:
         yield
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RuntimeError) as error:
         damaged = _first_damaged_file(path) if is_local(path) else None
         if damaged is None and str(error).startswith(path):
             raise  # its message already names the store
-        cause = f"{damaged} is damaged" if damaged else f"its metadata cannot be read ({error})"
+        cause = f"{damaged} is damaged" if damaged else f"a part of it cannot be read ({error})"
         raise ValueError(
             f"{path}: {cause}, so this sweep cannot be resumed; restore the file from a copy, or move the "
             "store away and repeat the call to start again"

@@ -63,7 +63,8 @@ def test_answers_that_do_not_fit_are_refused_before_they_are_begun(tmp_path, mon
     for file, text in {
         "proc/meminfo": "MemTotal: 8000 kB\nMemAvailable:    4000 kB\n",
         "sys/fs/cgroup/memory.max": "3000000\n",
-        "sys/fs/cgroup/memory.current": "1000000\n",
+        "sys/fs/cgroup/memory.current": "2500000\n",
+        "sys/fs/cgroup/memory.stat": "anon 1000000\ninactive_file 1500000\nworkingset 5\n",
     }.items():
         (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / file).write_text(text)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from types import SimpleNamespace
 from typing import Any, cast
 
 import jax
@@ -15,6 +16,7 @@ from rockjax._engine.scene import plan_for, prepare
 from rockjax._engine.transitions import jolt
 from rockjax._excitations.base import Shaking
 from rockjax._excitations.piecewise import DEGREE, PiecewiseMotion
+from rockjax._progress import BAR_LOCK
 from rockjax._responses.on_floors import JoltFriction, _solve
 from tests import reference_contents, restrained
 from tests.scenes import shaking
@@ -319,7 +321,11 @@ def test_nothing_acts_back_and_batches_agree_with_single_scenes():
     nothing."""
     systems = rj.Contents(0.12, 0.4), rj.Oscillator(0.3), rj.Contents(0.4, 0.5, overturn_ratio=1.5)
     pulses = rj.Ricker(np.array([[2.0, 3.2], [-3.2, 9.0]]), 1.0)
-    batch = rj.peak_responses(FRAME, pulses, t_end=6.0, on_floors=systems)
+    is_locked = []
+    progress = SimpleNamespace(update=lambda _: is_locked.append(BAR_LOCK.locked()))
+    batch = rj.peak_responses(FRAME, pulses, t_end=6.0, on_floors=systems, progress=progress)
+    assert len(is_locked) > 1
+    assert all(is_locked)  # only one thread at a time updates the progress
     plain = rj.peak_responses(FRAME, pulses, t_end=6.0)
     assert np.array_equal(batch.peak_rotation, plain.peak_rotation)
     assert plain.on_floors == ()

@@ -431,6 +431,27 @@ def test_the_second_client_to_start_a_store_goes_on_with_that_of_the_first(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.zarr", "b.zarr"]
 
 
+@pytest.mark.parametrize("harm", ["emptied", "changed"])
+def test_a_chunk_with_a_damaged_row_is_solved_again(tmp_path, small_store, batch, solved_chunks, harm):
+    store = tmp_path / "a.zarr"
+    shutil.copytree(small_store, store)
+    row = store / "progress" / "rows" / "c" / "1" / "0"
+    content = row.read_bytes()
+    row.write_bytes(b"" if harm == "emptied" else content[:-5] + bytes(y ^ 1 for y in content[-5:]))
+    data = sweep(store)
+    assert solved_chunks == [1]
+    assert_equal(data, batch)
+    (store / "progress" / "expected" / "c" / "0").write_bytes(b"")
+    with pytest.raises(ValueError, match=r"a\.zarr: a part of it cannot be read .*move the store away"):
+        sweep(store)
+
+
+def test_a_sample_without_steps_has_a_finite_plan(tmp_path):
+    plan = sweep(tmp_path / "x", SMALL_GRID, initial=rj.State(theta=0.3), dry_run=True)
+    assert plan.steps == 0
+    assert plan.core_seconds == plan.seconds == 0
+
+
 @pytest.mark.parametrize(
     "name",
     [
