@@ -241,7 +241,7 @@ def raw_responses(
 
 @contextlib.contextmanager
 def _interrupted_by_ctrl_c() -> Iterator[None]:
-    """Raise `Interrupted` instead of any other `KeyboardInterrupt` in the `with` block, such as that of Ctrl-C
+    """Raise `Interrupted` instead of another `KeyboardInterrupt` in the `with` block, such as that of Ctrl-C
     while lanes are prepared."""
     try:
         yield

@@ -140,8 +140,8 @@ class AbstractPeak(Module):
     def joints_closed(self) -> Bool[Array, "*batch"]:
         """True if no joint would open and no impact would lift the beam off a column, according to the
         answers `least_axial_force`, `least_impulse_share` and `peak_friction`. Answers that were not
-        requested are ignored. False if an answer is NaN, as in a scene with the result `weightless`."""
-        is_closed = jnp.ones(jnp.shape(self.overturned), bool)
+        requested are ignored. False if the scene did not finish, such as one with the result `weightless`."""
+        is_closed = ~results.did_not_finish(jnp.asarray(results.code_of(self.result)))
         for name in ("least_axial_force", "least_impulse_share"):
             values = self.values.get(name)
             if values is not None:
