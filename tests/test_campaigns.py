@@ -56,7 +56,9 @@ def test_scenes_without_an_answer_are_counted(monkeypatch):
         (1, "result", agreement.NOT_COMPARED),
         (2, "result", "FAULT"),
     ]
-    assert agreement.table(KIND, found, 4)[0].endswith("4 scenes, 1 not compared, 1 FAULT")
+    first = agreement.table(KIND, found, 4)[0]
+    assert "1 not compared" in first
+    assert "1 FAULT" in first
 
 
 def test_nan_in_a_finished_scene_is_a_fault(monkeypatch):

@@ -118,7 +118,10 @@ class AbstractOutput:
     needs_simple_contact: ClassVar[bool] = False
 
     def __eq__(self, other: object) -> bool:
-        return self is other or (type(self) is type(other) and _identity(self) == _identity(other))
+        if self is other:
+            return True
+        is_alike = isinstance(other, AbstractOutput) and type(self) is type(other)
+        return is_alike and _identity(self) == _identity(other)
 
     def __hash__(self) -> int:
         return hash((type(self), _identity(self)))
