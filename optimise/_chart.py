@@ -62,10 +62,11 @@ def design_chart(
     - `progress`: `True` for a progress bar, or any object with a method `update(n)`
 
     Returns a Dataset with the dimensions `a_p` and `T_p`. `smallest_safe_value` is NaN if the columns
-    overturn at the upper bound. `boundaries` contains the values of the variable at which survival changes to
-    overturning or back, ascending along a further dimension `boundary` and padded with NaN. Two changes are
-    missing if no simulated value lies between them. Raises `ValueError` for invalid inputs, and
-    `RuntimeError` if there is a period at which no simulation finishes.
+    overturn at the upper bound, or if a simulation with this value or a larger one did not finish.
+    `boundaries` contains the values of the variable at which survival changes to overturning or back,
+    ascending along a further dimension `boundary` and padded with NaN. Two changes are missing if no
+    simulated value lies between them. Raises `ValueError` for invalid inputs, and `RuntimeError` if there is
+    a period at which no simulation finishes.
     """
     import xarray
 
@@ -93,7 +94,9 @@ def design_chart(
         scanned = scan(scene, periods, (low, high), resolution, options, progress, width=None)
         boundaries, _ = scanned.crossings.table(periods.size)
         boundary_tables.append(boundaries)
-        smallest_safe_value.append(_smallest_safe_value(boundaries, scanned.lower_end_survives, low))
+        smallest_safe_value.append(
+            _smallest_safe_value(boundaries, scanned.lower_end_survives, scanned.last_unfinished, low)
+        )
         scene_counts.append(scanned.scenes)
     boundary_count = max(table.shape[1] for table in boundary_tables)
     pad = lambda table: np.pad(table, ((0, 0), (0, boundary_count - table.shape[1])), constant_values=np.nan)
@@ -126,18 +129,23 @@ def design_chart(
     )
 
 
-def _smallest_safe_value(boundaries: np.ndarray, lower_end_survives: np.ndarray, low: float) -> np.ndarray:
-    """Return the smallest safe value at each period: the last boundary, `low` if there is no boundary, or NaN
-    if the columns overturn at the upper bound.
+def _smallest_safe_value(
+    boundaries: np.ndarray, lower_end_survives: np.ndarray, last_unfinished: np.ndarray, low: float
+) -> np.ndarray:
+    """Return the smallest safe value at each period: the last boundary, or `low` if there is no boundary. It
+    is NaN if the columns overturn at the upper bound, or if the outcome of this value or a larger one is
+    unknown.
 
     - `boundaries`: boundaries at each period (periods, boundaries), ascending, padded with NaN
     - `lower_end_survives`: whether the columns survive at the lower bound `low` (periods,)
+    - `last_unfinished`: largest value whose simulation did not finish (periods,); −inf if there is none
     """
     counts = np.sum(np.isfinite(boundaries), axis=1)
     # An odd number of boundaries means that survival differs between the two ends of the range.
     upper_end_survives = lower_end_survives ^ (counts % 2 == 1)
     last_boundary = boundaries[np.arange(len(counts)), np.maximum(counts - 1, 0)]
-    return np.where(upper_end_survives, np.where(counts > 0, last_boundary, low), np.nan)
+    smallest = np.where(counts > 0, last_boundary, low)
+    return np.where(upper_end_survives & (last_unfinished < smallest), smallest, np.nan)
 
 
 def plot_chart(chart: xarray.Dataset, ax: Axes | None = None) -> Axes:

@@ -30,11 +30,11 @@ from .margin import DEFAULT_WIDTH, has_margin, margin_options, scan_options, sig
 from .refinement import (
     SolvedScenes,
     SolveScenes,
-    finished_ends,
     least_dip,
     points_around_dips,
     resolve_windows,
     spacing_for,
+    unfinished_range,
     widest_gaps,
 )
 
@@ -105,6 +105,7 @@ class Scan(NamedTuple):
     certain_width: np.ndarray
     scenes: int  # number of solved scenes
     finished_to: np.ndarray  # largest y of a finished scene below the first scene that did not finish
+    last_unfinished: np.ndarray  # largest y of a scene that did not finish; −inf if all scenes finished
 
 
 def scan(
@@ -190,8 +191,8 @@ def scan(
         crossings = Crossings(line, 0.5 * (brackets.a + brackets.b), overturns, brackets.output_at_b)
     gaps = widest_gaps(solved, spacing, y_range[1])
     every = SolvedScenes(*map(np.concatenate, zip(*batches, strict=True)))
-    ends = finished_ends(every, x.size, y_range[0])
-    return Scan(crossings, lower_end_survives, least_dip(finished), gaps, every.y.size, ends)
+    ends = unfinished_range(every, x.size, y_range[0])
+    return Scan(crossings, lower_end_survives, least_dip(finished), gaps, every.y.size, *ends)
 
 
 def margins(

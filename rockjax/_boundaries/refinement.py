@@ -153,18 +153,23 @@ def widest_gaps(solved: SolvedScenes, spacing: float, line_end: float) -> np.nda
     return np.array(widest)
 
 
-def finished_ends(solved: SolvedScenes, count: int, line_start: float) -> np.ndarray:
+def unfinished_range(solved: SolvedScenes, count: int, line_start: float) -> tuple[np.ndarray, np.ndarray]:
     """Return, for each of `count` lines, the largest y of a finished scene below the first scene that did not
-    finish; `line_start` for a line without such a scene.
+    finish, and the largest y of a scene that did not finish.
 
-    - `solved`: scenes in any order; `line_start`: lower end of the lines
+    - `solved`: scenes in any order
+    - `line_start`: lower end of the lines, returned if no scene below the first unfinished one finished
+
+    The second result is −inf for a line whose scenes all finished.
     """
     is_finished = ~np.isnan(solved.margin)
-    unfinished_from, ends = np.full(count, np.inf), np.full(count, line_start)
-    np.minimum.at(unfinished_from, solved.line[~is_finished], solved.y[~is_finished])
-    below = is_finished & (solved.y < unfinished_from[solved.line])
-    np.maximum.at(ends, solved.line[below], solved.y[below])
-    return ends
+    line, y = solved.line[~is_finished], solved.y[~is_finished]
+    first, last, finished_to = np.full(count, np.inf), np.full(count, -np.inf), np.full(count, line_start)
+    np.minimum.at(first, line, y)
+    np.maximum.at(last, line, y)
+    below = is_finished & (solved.y < first[solved.line])
+    np.maximum.at(finished_to, solved.line[below], solved.y[below])
+    return finished_to, last
 
 
 def _allowed_steps(solved: SolvedScenes, below: slice, spacing: float) -> np.ndarray:

@@ -192,6 +192,7 @@ def test_stretches_without_an_answer_are_not_certain(search, monkeypatch):
         found = scanned([motion], monkeypatch)
         first, certain = found.crossings.y[0], found.certain_width[0]
         assert 0.3 - 2 * WIDTH < found.finished_to[0] < 0.3
+        assert 0.32 - 2 * WIDTH < found.last_unfinished[0] < 0.32
     else:
         first, certain = in_program(motion).scale, in_program(motion).certain_width
     assert first == pytest.approx(0.7, rel=1e-9)

@@ -19,6 +19,7 @@ from typer.testing import CliRunner
 
 import optimise
 import rockjax as rj
+from optimise._chart import _smallest_safe_value
 from rockjax._cli import app, main
 from rockjax._cli._context import MASSES
 from rockjax._cli._response import residual_share
@@ -1117,6 +1118,16 @@ def test_chart_of_the_slimmest_safe_column():
     # If α is the smallest safe slenderness for a_p, then a_p is the least amplitude that overturns α.
     again = rj.overturning_acceleration(block.replace(alpha=least[3]), rj.Ricker, T_p[3])
     assert float(again) == pytest.approx(3.0, rel=1e-9)
+
+
+def test_values_of_charts_whose_simulations_did_not_finish_are_not_safe():
+    """The columns survive from the boundary 2 or in the whole range from 1; the other simulations may
+    overturn."""
+    boundaries = np.array([[2.0], [2.0], [2.0], [np.nan], [np.nan], [2.0]])
+    lower_end_survives = np.array([False, False, False, True, True, True])
+    last_unfinished = np.array([-np.inf, 1.5, 2.5, -np.inf, 1.0, -np.inf])
+    values = _smallest_safe_value(boundaries, lower_end_survives, last_unfinished, 1.0)
+    np.testing.assert_array_equal(values, [2.0, 2.0, np.nan, 1.0, np.nan, np.nan])
 
 
 def test_invalid_charts_name_the_reason():

@@ -102,7 +102,7 @@ def test_scenes_that_did_not_finish_have_no_peaks(monkeypatch):
     codes, rotation = np.array([0, 9, 2, 3]), np.array([0.5, 0.0, 1.0, 0.3])
     peaks = SimpleNamespace(result=results.result_of(codes), peak_rotation=rotation, overturned=codes == 2)
     crossings = Crossings(np.array([2]), np.array([0.5]), np.array([True]), np.array([0]))
-    search = Scan(crossings, codes < 9, np.ones(4), np.array([0.001, 9.0, 0.001, 8.0]), 100, np.ones(4))
+    search = Scan(crossings, codes < 9, np.ones(4), np.array([0.001, 9.0, 0.001, 8.0]), 100, *np.ones((2, 4)))
     monkeypatch.setattr(record_spectra, "peak_responses", lambda *_, **__: peaks)
     monkeypatch.setattr(record_spectra, "scan", lambda *_, **__: search)
     monkeypatch.setattr(record_spectra, "precompile_scan", lambda *_: None)
