@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -75,10 +76,11 @@ def report(
         require_library()
     skipped = tuple(name.strip() for name in skip.split(",") if name.strip())
     problem = problem_of(request.tables, request.path)
+    command_line = _command([path for path in (request.path, output, csv, xlsx) if path is not None])
     with console.progress(None, "scenes") as bar:
         try:
             written_report = make_report(
-                problem, output, units=units, skip=skipped, progress=_Progress(bar), command=_command()
+                problem, output, units=units, skip=skipped, progress=_Progress(bar), command=command_line
             )
         except KeyboardInterrupt:
             if (unfinished := output.with_suffix(".partial.nc")).exists():
@@ -99,14 +101,23 @@ def report(
         console.status = FAILED
 
 
-def _command() -> str:
-    """Return the command line for the report, with names of files instead of paths."""
-    return shlex.join(map(_without_folder, shlex.split(COMMAND.get())))
+def _command(paths: Sequence[Path]) -> str:
+    """Return the command line for the report, with names of files instead of paths.
+
+    - `paths`: paths of the files of the command, some of which need not exist yet
+    """
+    return shlex.join(_without_folder(word, paths) for word in shlex.split(COMMAND.get()))
 
 
-def _without_folder(word: str) -> str:
-    """Return a word of the command line. If it is a path, or contains a path after "=", only the name of the
-    file is kept."""
+def _without_folder(word: str, paths: Sequence[Path] = ()) -> str:
+    """Return a word of the command line. If it is a path, or ends with a path, only the name of the file is
+    kept.
+
+    - `word`: the word; `paths`: paths of the files of the command
+    """
+    for path in map(str, paths):
+        if "/" in path and word.endswith(path):
+            return word[: -len(path)] + Path(path).name
     option, equals, value = word.rpartition("=")
     is_path = "/" in value and Path(value).parent.is_dir()
     return f"{option}{equals}{Path(value).name}" if is_path else word

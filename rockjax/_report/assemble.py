@@ -13,6 +13,7 @@ from .assumptions import ASSUMPTIONS
 from .blocks import Page
 from .plausibility import warnings_of
 from .sections import SECTIONS
+from .sections.common import unused_sets
 from .tables import Code, Link, Table, Text
 from .units import Units
 
@@ -112,10 +113,11 @@ def _notices(evaluation: Evaluation):
             )
         else:
             yield "Not checked, because the structure has no positions of columns: joint forces, A1 and A7."
-    missing = [entry.key for entry in problem.inputs if entry.source is None]
+    sources = problem.sources_of_inputs(used={check.motions for check in evaluation.checks})
+    missing = [key for key, source in sources.items() if source is None]
     if missing:
         yield (
-            f"Inputs without a source: {len(missing)} of {len(problem.inputs)} (",
+            f"Inputs without a source: {len(missing)} of {len(sources)} (",
             Code(", ".join(missing)),
             ").",
         )
@@ -123,8 +125,7 @@ def _notices(evaluation: Evaluation):
         if check.values is not None:
             yield from check.kind.notices(check.entry, evaluation.scenes)
     yield from warnings_of(evaluation)
-    unused = [name for name in problem.motions if all(check.motions != name for check in evaluation.checks)]
-    if unused:
+    if unused := unused_sets(evaluation):
         yield ("No check uses the sets of motions ", Code(", ".join(unused)), ".")
     if evaluation.skipped:
         yield f"Left out on request: {', '.join(evaluation.skipped)}."

@@ -25,12 +25,14 @@ class Outcome(NamedTuple):
     - `worst`: number that is inserted in `text`, such as the tested value in the worst scene
     - `text`: description of the result, with `{}` at the place of the number
     - `unfinished`: number of scenes that did not finish, and may violate the assumption later
+    - `untested`: number of finished scenes in which the assumption cannot be tested
     """
 
     violated: np.ndarray
     worst: float
     text: str
     unfinished: int = 0
+    untested: int = 0
 
 
 class Assumption(NamedTuple):
@@ -99,18 +101,36 @@ def _no_sliding(problem: Problem, data: xarray.Dataset) -> Outcome | str:
         return "Not tested: the file has no joints.friction."
     if "peak_friction" not in data:
         return "Not tested: the structure has no positions of columns."
-    demand = data["peak_friction"].values.max(axis=-1)
-    tested = np.where(np.isfinite(demand) & ~opens_joint(data), demand, -np.inf)
-    if tested.max() == -np.inf:
+    demand = _friction_demand(data)
+    is_testable = np.isfinite(demand) & ~opens_joint(data)
+    if not is_testable.any():
         return "Not tested: under every motion a joint opens or the demand is unknown."
+    tested = np.where(is_testable, demand, -np.inf)
     text = f"largest demand {{}} while all joints are closed, μ = {mu:g}"
-    return _of_columns(problem, _outcome(data, tested > mu, tested, np.fmax, text))
+    outcome = _outcome(data, tested > mu, tested, np.fmax, text)
+    if isinstance(outcome, Outcome):
+        is_untested = ~is_testable & ~results.did_not_finish(data["result"].values)
+        outcome = outcome._replace(untested=int(is_untested.sum()))
+    return _of_columns(problem, outcome)
+
+
+def _friction_demand(data: xarray.Dataset) -> np.ndarray:
+    """Return the largest friction demand of each scene in motion and, if `data` has it, at impacts,
+    (scenes,)."""
+    demand = data["peak_friction"].values.max(axis=-1)
+    if "peak_impact_friction" in data:  # NaN without impacts
+        at_impacts = data["peak_impact_friction"].values.reshape(len(demand), -1)
+        demand = np.fmax(demand, np.fmax.reduce(at_impacts, axis=-1))
+    return demand
 
 
 def _closed_under_vertical_motion(problem: Problem, data: xarray.Dataset) -> Outcome | str:
     del problem
-    is_weightless = np.array([results.NAMES[int(code)] == "weightless" for code in data["result"].values])
-    return Outcome(is_weightless, float(is_weightless.sum()), "{} scenes in which the weight vanishes")
+    codes = data["result"].values
+    is_weightless = codes == results.WEIGHTLESS
+    unfinished = int((results.did_not_finish(codes) & ~is_weightless).sum())
+    text = "{} scenes in which the weight vanishes"
+    return Outcome(is_weightless, float(is_weightless.sum()), text, unfinished)
 
 
 def _beam_rests_on_columns(problem: Problem, data: xarray.Dataset) -> Outcome | str:

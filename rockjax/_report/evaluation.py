@@ -136,6 +136,11 @@ class Evaluation:
         return self.make_tables(self)
 
 
+def describe_error(error: Exception) -> str:
+    """Return the type and the message of an error."""
+    return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+
+
 def verdict(results: list[str]) -> str:
     """Return the verdict on the results of all checks, for example "Verified: all 14 checks pass."."""
     own_results = [result for result in results if result != "BY OTHERS"]

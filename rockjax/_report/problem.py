@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -121,7 +121,8 @@ class Problem:
     - `motions`: name → set of motions, with `name`, `label`, `members` and `names`
     - `checks`: the entries of `[[checks]]` and `[[targets]]`
     - `options`: options of the solver
-    - `sources`: key of the file, such as `structure.width` → text that states the source of its value
+    - `sources`: key of the file, such as `structure.width` → text that states the source of its value. The
+      source of a value that the command line replaces is "command line"
     - `project`, `joints`, `report`, `fragility`, `risk`, `structure`: the tables of the file with these names
     - `text`: the text of the file
     """
@@ -141,6 +142,23 @@ class Problem:
     fragility: models.Fragility
     risk: models.Risk
     structure: models.ByRatios | models.ByDimensions
+
+    def sources_of_inputs(self, used: Collection[str | None]) -> dict[str, str | None]:
+        """Return key of the file → source, or None if there is none.
+
+        The inputs are the keys of the structure, the given keys of the joints, the sets of motions, and the
+        hazard curve. The source of a set may also be that of one of its keys.
+
+        - `used`: names of the sets of motions that checks use; the other sets are left out
+        """
+        keys = [f"joints.{name}" for name in self.joints.as_arguments()]
+        keys += [f"motions.{name}" for name in self.motions if name in used]
+        keys += ["risk.hazard"] if self.risk.hazard is not None else []
+        sources = {f"structure.{entry.key}": entry.source for entry in self.inputs}
+        for key in keys:
+            inner = [text for name, text in self.sources.items() if name.startswith(f"{key}.")]
+            sources[key] = self.sources.get(key) or next(iter(inner), None)
+        return sources
 
     def varied(self, factors: Mapping[str, Any]) -> Podium:
         """Return the structure with inputs multiplied by factors.

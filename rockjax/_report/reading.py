@@ -66,9 +66,9 @@ def problem_of(table: Mapping[str, Any], path: Path) -> Problem:
     checks = tuple(read_checks(reader, table, file, podium))
     if not checks:
         reader.fail("checks", "is missing; a report needs [[checks]] or [[targets]]")
+    sources = file.sources | dict.fromkeys(_replaced(table, load_table(path)), "command line")
     inputs = tuple(
-        Input(key, value, file.sources.get(f"structure.{key}") or None)
-        for key, value in _inputs(file.structure)
+        Input(key, value, sources.get(f"structure.{key}") or None) for key, value in _inputs(file.structure)
     )
     keys = {f"structure.{entry.key}" for entry in inputs} | set(_paths(table))
     for name in file.sources:
@@ -86,7 +86,7 @@ def problem_of(table: Mapping[str, Any], path: Path) -> Problem:
         motions=sets,
         checks=checks,
         options=reader.options(file.options),
-        sources=file.sources,
+        sources=sources,
         project=file.project,
         joints=file.joints,
         report=file.report,
@@ -113,6 +113,27 @@ def _inputs(structure: models.Keys) -> Iterator[tuple[str, Any]]:
             yield from ((f"{name}.{inner}", y) for inner, y in value.as_arguments().items())
         else:
             yield name, value
+
+
+def _replaced(table: Mapping[str, Any], original: Mapping[str, Any]) -> list[str]:
+    """Return the paths of the keys of `[structure]` whose values in `table` differ from those of the file,
+    `original`."""
+
+    def leaves(of: Mapping[str, Any]) -> dict[str, Any]:
+        found = {}
+        for path in _paths({"structure": of.get("structure", {})}):
+            value: Any = of
+            for name in path.split("."):
+                value = value[name]
+            found[path] = value
+        return found
+
+    values = leaves(original)
+    return [
+        path
+        for path, value in leaves(table).items()
+        if not isinstance(value, dict) and (path not in values or values[path] != value)
+    ]
 
 
 def _paths(table: Mapping[str, Any], prefix: str = "") -> Iterator[str]:

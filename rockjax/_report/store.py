@@ -70,6 +70,7 @@ class Store:
         self.data: dict[str, xarray.Dataset] = {}
         self._started: dict[str, tuple[str, Future]] = {}  # name → fingerprint, dataset to come
         self._stop = threading.Event()
+        self._used: set[str] = set()  # names of the datasets that `get` has returned
         for candidate in () if path is None else (path, _partial(path)):
             self._load(candidate)
 
@@ -106,14 +107,23 @@ class Store:
         - `inputs_hash`: fingerprint of the inputs of the dataset
         - `compute`: function that computes the dataset
         """
+        self._used.add(name)
         if self._has(name, inputs_hash):
             return self.data[name]
         started_hash, future = self._started.pop(name, ("", None))
         data = future.result() if future is not None and started_hash == inputs_hash else compute()
         self._add(name, inputs_hash, data)
         if time.monotonic() - self.last_write > MIN_WRITE_INTERVAL:
-            self.save_unfinished()
+            # A failed write is tried again later, and the last write reports its error.
+            self.last_write = time.monotonic()
+            with contextlib.suppress(OSError):
+                self.save_unfinished()
         return data
+
+    @property
+    def used(self) -> dict[str, xarray.Dataset]:
+        """The datasets that `get` has returned. Others may come from an earlier report with other inputs."""
+        return {name: data for name, data in self.data.items() if name in self._used}
 
     def _add(self, name: str, inputs_hash: str, data: xarray.Dataset) -> None:
         data.attrs |= {"name": name, "fingerprint": inputs_hash}

@@ -209,6 +209,10 @@ def test_the_curve_of_risk(tmp_path):
     assert check.value == float(reference.frequency)
     assert check.motions is None
     assert "curve of [risk]" in check.reason
+    with_set = RISK.replace("1e-3", '1e-3\nmotions = "pulses"')
+    unused = read(tmp_path, with_set + "median = 5.0\ndispersion = 0.4\n")
+    notices = KINDS["annual-frequency"].notices(unused.checks[0], report.evaluation.scenes)
+    assert "C1 does not use its motions" in next(notices)
     assert {"fragility-given", "annual-c1"} <= report.tables.keys()
     with pytest.raises(ValueError, match="needs both median and dispersion"):
         read(tmp_path, RISK + "median = 5.0\n")
@@ -388,7 +392,9 @@ limit = "joints.friction"
 def test_joint_forces_without_positions(tmp_path):
     """Forces are those of the mean column; they do not show that A1 and A7 hold for each column."""
     report = rj.report(read(tmp_path, JOINTS), skip=("spread", "methods"))
-    assert [(check.result, check.reason) for check in report.evaluation.checks] == [("PASS", "")] * 2
+    assert [(check.result, check.reason) for check in report.evaluation.checks] == [
+        ("UNDECIDED", "known for the mean column only; give structure.positions")
+    ] * 2
     table = report.tables["joints-pulses"]
     assert "mean column" in table.caption
     assert [column.heading for column in table.columns][2:] == [

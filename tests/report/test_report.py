@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 import unicodedata
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +16,9 @@ import xarray
 import rockjax as rj
 from rockjax._cli._report import _without_folder
 from rockjax._files import write_dataset
+from rockjax._problem.reading import load_table
+from rockjax._report.reading import problem_of
+from rockjax._report.sections.common import details
 from rockjax._report.store import Store
 from rockjax._report.tables import plain_cell
 from rockjax._report.uplift import UpliftRatio
@@ -248,6 +252,63 @@ def test_the_same_input_gives_the_same_bytes(folder, report, monkeypatch):
     assert sum(a != b for a, b in zip(lines[0], lines[2], strict=True)) == 1
 
 
+def test_scenes_of_an_older_problem_do_not_change_the_page(folder, report):
+    store = Store(folder / "page.nc")
+    store.get("peaks.older", "inputs", lambda: xarray.Dataset({"result": ("motion", [0, 0])}))
+    store.path = folder / "older.nc"
+    store.save()
+    assert rj.report(folder / "problem.toml", folder / "older.html").html == report.html
+
+
+def test_values_of_the_command_line_have_no_source_in_the_file(tmp_path):
+    path = tmp_path / "problem.toml"
+    path.write_text('[sources]\n"structure.width" = "drawing"\n"structure.height" = "drawing"\n' + FILE)
+    table = load_table(path)
+    table["structure"] = table["structure"] | {"width": 0.65, "beam_mass": 60e3}
+    problem = problem_of(table, path)
+    sources = {entry.key: entry.source for entry in problem.inputs}
+    assert sources["width"] == problem.sources["structure.width"] == "command line"
+    assert (sources["height"], sources["beam_mass"]) == ("drawing", None)
+
+
+def test_inputs_of_all_tables_are_counted(tmp_path):
+    path = tmp_path / "problem.toml"
+    sources = '"structure.width" = "drawing"\n"joints.friction" = "test"\n"motions.pulses.a_p" = "study"\n'
+    path.write_text(f"[sources]\n{sources}" + FILE)
+    found = rj.read_problem(path).sources_of_inputs({"pulses", None})
+    assert found["structure.width"] == "drawing"
+    assert found["structure.height"] is None
+    assert {name: y for name, y in found.items() if not name.startswith("structure.")} == {
+        "joints.friction": "test",
+        "motions.pulses": "study",
+    }
+
+
+def test_a_check_that_stops_with_an_error_is_not_made(folder, report, monkeypatch):
+    """The other checks are made."""
+
+    def fail(*arguments, **options):
+        raise KeyError("a name")
+
+    kind = type(report.evaluation.checks[3].kind)
+    monkeypatch.setattr(kind, "values", fail)
+    monkeypatch.setattr(kind, "start", fail)
+    checks = rj.evaluate(folder / "problem.toml", store=folder / "page.nc", skip=("methods",)).checks
+    assert checks[3].result == "NOT MADE"
+    assert checks[3].reason == "KeyError: 'a name'"
+    assert [y.result for y in checks[:3]] == [y.result for y in report.evaluation.checks[:3]]
+
+
+def test_details_that_stop_with_an_error_are_a_text(report, monkeypatch):
+    def fail(*arguments, **options):
+        raise KeyError
+
+    check = report.evaluation.checks[3]
+    monkeypatch.setattr(type(check.kind), "tables", fail)
+    (table,) = [table for table in details(report.evaluation, 4) if table.name == "details-c4"]
+    assert table.rows[0][0].text == "KeyError"
+
+
 @pytest.mark.parametrize("gone", OPTIONAL)
 def test_every_section_has_content_without_an_optional_entry(tmp_path, gone):
     texts = """[project]
@@ -401,6 +462,12 @@ def test_the_printed_command_has_no_folders(word, expected, tmp_path):
     assert _without_folder(word.format(tmp_path)) == expected
 
 
+@pytest.mark.parametrize("option", ["", "--output=", "-o"])
+def test_the_printed_command_has_no_folders_that_do_not_exist_yet(option):
+    path = Path("/home/ann/new/page.html")
+    assert _without_folder(f"{option}{path}", [Path("problem.toml"), path]) == f"{option}page.html"
+
+
 @pytest.mark.slow
 def test_annual_frequency_is_that_of_the_package(tmp_path):
     """The frequency from `[fragility]` and the hazard curve of `[risk]` equals that of
@@ -421,7 +488,7 @@ def test_annual_frequency_is_that_of_the_package(tmp_path):
     expected = rj.annual_frequency(rj.fragility(analysis), hazard)
     assert check.value == pytest.approx(float(expected.frequency), rel=1e-9)
     assert check.result == ("PASS" if check.value <= 1e-3 else "FAIL")
-    assert {"fragility-design", "annual-c1"} <= report.tables.keys()
+    assert {"fragility-design-pga", "annual-c1"} <= report.tables.keys()
     write_dataset(tmp_path / "curve.nc", rj.fragility(analysis))  # the same curve, from a file
     text = path.read_text().replace("[risk]\n", "[risk]\nfragility = 'curve.nc'\n")
     path.write_text(text)

@@ -41,6 +41,28 @@ def test_a_started_dataset_of_other_inputs_is_not_used():
     assert float(store.get("a", "newer inputs", lambda: numbers(4.0))["y"]) == 3.0
 
 
+def test_a_failed_write_of_unfinished_datasets_is_tried_again(tmp_path, monkeypatch):
+    """The dataset is returned, and the last write reports the error."""
+
+    def fail(store, path):
+        raise OSError("no space left")
+
+    store = Store(tmp_path / "page.nc")
+    monkeypatch.setattr(Store, "_write", fail)
+    store.last_write = -np.inf
+    assert float(store.get("a", "inputs", lambda: numbers(2.0))["y"]) == 2.0
+    assert np.isfinite(store.last_write)
+    with pytest.raises(OSError, match="no space left"):
+        store.save()
+
+
+def test_used_datasets_are_those_of_this_report():
+    store = Store()
+    store.data["older"] = numbers(1.0)
+    store.get("a", "inputs", lambda: numbers(2.0))
+    assert list(store.used) == ["a"]
+
+
 def test_a_damaged_partial_file_leaves_the_file(tmp_path):
     store = Store(tmp_path / "page.nc")
     store.get("a", "inputs", lambda: numbers(2.0))

@@ -17,7 +17,7 @@ from rockjax._report.evaluation import Check
 from rockjax._report.kinds import KINDS
 from rockjax._report.kinds.base import Values
 from rockjax._report.scales import _estimate_uplift_factors
-from rockjax._report.sections import accuracy, assumptions, building, joints, rocking, summary
+from rockjax._report.sections import accuracy, assumptions, building, joints, motions, rocking, summary
 from rockjax._report.tables import Quantity, plain
 from rockjax._report.units import Units
 from rockjax._results import NAMES, result_of
@@ -106,6 +106,100 @@ def test_assumptions_in_scenes_that_did_not_finish():
         evaluation_of(("weightless", "out_of_steps")).assumptions["set"][y] for y in ("A7", "A9")
     ):
         assert outcome == "Not tested: no scene finished."
+
+
+def row_of(name, evaluation):
+    return assumptions._row(next(y for y in ASSUMPTIONS if y.id == name), evaluation)
+
+
+def test_assumptions_that_were_not_tested_in_every_set():
+    """An assumption holds only if it was tested in every set and in every scene."""
+    evaluation, reason = evaluation_of(("settled",) * 3), "Not tested: the demand is unknown."
+    assert row_of("A1", evaluation)[3].text == "holds"
+    evaluation.assumptions["strong"] = {"A1": reason}
+    assert row_of("A1", evaluation)[3].text == "not tested in every set"
+    assert row_of("A1", evaluation)[4].text.endswith(f" strong: {reason}")
+    evaluation.assumptions = {name: {"A1": reason} for name in ("set", "strong")}
+    assert [cell.text for cell in row_of("A1", evaluation)[3:]] == ["not tested", reason]
+
+
+@pytest.mark.parametrize(
+    ("friction", "at_impacts", "expected"),
+    [
+        (0.3, math.nan, "holds"),
+        (0.3, 0.7, "violated"),
+        (0.7, math.nan, "violated"),
+        (math.inf, math.nan, "not tested in every scene"),
+    ],
+)
+def test_columns_may_slide_at_impacts(friction, at_impacts, expected):
+    """The friction coefficient is 0.6; the demand is infinite if a joint opens."""
+    evaluation = evaluation_of(("settled",) * 2)
+    data = evaluation.scenes.peaks()
+    data["peak_friction"] = ("motion", "joint"), [[0.2, 0.2], [friction, 0.2]]
+    data["peak_impact_friction"] = ("motion", "joint"), [[math.nan, math.nan], [at_impacts, 0.1]]
+    evaluation.assumptions["set"]["A1"] = ASSUMPTIONS[0].test(evaluation.problem, data)
+    assert row_of("A1", evaluation)[3].text == expected
+
+
+def test_weightless_scenes_violate_and_unfinished_scenes_may_violate():
+    for names, expected in (
+        (("settled", "out_of_steps"), "undecided"),
+        (("settled", "weightless"), "violated"),
+        (("settled", "overturned"), "holds"),
+    ):
+        evaluation = evaluation_of(names)
+        data = evaluation.scenes.peaks()
+        evaluation.assumptions["set"]["A2"] = ASSUMPTIONS[1].test(evaluation.problem, data)
+        assert row_of("A2", evaluation)[3].text == expected
+
+
+def test_checks_that_other_laws_do_not_repeat_are_named():
+    def check(name, result, laws):
+        return SimpleNamespace(id=name, values=(), result=result, laws=laws)
+
+    made = [check("C1", "NOT VALID", {"paper": (0.4, "PASS")}), check("C2", "FAIL", {})]
+    texts = {"set": {"A6": "Checks of peaks are repeated."}}
+    for checks, word, text in (
+        (made[:1], "makes no difference", "Results that change: none."),
+        (made, "no difference in the repeated checks", "Results that change: none. Not repeated: C2."),
+        (made[1:], "not tested", "No check was repeated."),
+        ([check("C1", "FAIL", {"paper": (0.4, "PASS")})], "matters", "Results that change: C1."),
+    ):
+        row = row_of("A6", SimpleNamespace(checks=checks, assumptions=texts))
+        assert row[3].text == word
+        assert row[4].text == f"Checks of peaks are repeated. {text}"
+
+
+def test_the_largest_velocity_jump_is_that_of_its_own_motion():
+    evaluation = evaluation_of(("settled", "settled", "out_of_steps"))
+    jumps = np.array([0.3, 0.1, 9.0])
+    evaluation.scenes.peaks()["peak_velocity_jump"] = "motion", jumps
+    row = building._shear(evaluation, "set")
+    assert (row[1].text, row[3].value, row[3].note) == ("M1", 0.3, "M0")
+    evaluation.scenes.peaks()["peak_velocity_jump"] = "motion", np.full(3, math.nan)
+    assert building._shear(evaluation, "set")[3].text == "no impact"
+
+
+def test_the_worst_value_of_a_minimum_keeps_its_sign():
+    evaluation = evaluation_of(("settled", "settled"))
+    data = evaluation.scenes.peaks()
+    data["least_axial_force"] = ("motion", "joint"), [[0.4, -1.4], [0.6, 0.5]]
+    data["least_axial_force_error"] = ("motion", "joint"), np.full((2, 2), 1e-9)
+    blocks = accuracy.section(evaluation, None).blocks
+    rows = next(block for block in blocks if getattr(block, "name", "") == "errors").rows
+    assert -1.4 in [row[3].value for row in rows]
+
+
+def test_sets_of_checks_that_were_not_made_are_not_called_unused():
+    names = ("a", "b")
+    problem = SimpleNamespace(motions=dict.fromkeys(names), podium=PODIUM)
+    evaluation = SimpleNamespace(
+        problem=problem, assumptions={}, checks=[SimpleNamespace(motions="a", values=None)]
+    )
+    units = Units.si(9.81)
+    found = [plain(block.text, units) for block in motions.section(evaluation, units).blocks]
+    assert found == ["No check uses the sets b.", "No check was made with the sets a."]
 
 
 @pytest.mark.parametrize(

@@ -103,7 +103,9 @@ class FragilityKind(Kind):
                 rows.append(
                     (f"{title}, {confidence:.0%} interval, {bound}", float(bounds.sel(bound=bound)), kind)
                 )
-        name = f"fragility-{slug(str(entry.motions))}"
+        measure, period = entry.arguments["measure"]
+        label = measure if period is None else f"{measure}-{period:g}".replace(".", "-")
+        name = f"fragility-{slug(str(entry.motions))}-{slug(label)}"
         return [_table(name, f"Fragility of the set {entry.motions}", rows)]
 
 
@@ -197,6 +199,9 @@ class AnnualKind(FragilityKind):
         return [_table("fragility-given", "Fragility of [risk]", rows), annual]
 
     def notices(self, entry: Entry, scenes: Scenes) -> Iterator[str]:
+        unused = [name for name in ("motions", "vertical") if getattr(entry.keys, name)]
+        if unused and not entry.motions:
+            yield f"{entry.id} does not use its {' and '.join(unused)}: [risk] gives the fragility curve."
         share = float(self._annual(entry, scenes)["extrapolated"])
         if share > MIN_EXTRAPOLATED:
             yield f"{share:.0%} of the annual frequency of {entry.id} comes from beyond the hazard curve."

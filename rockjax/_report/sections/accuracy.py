@@ -34,7 +34,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
         "estimated error.",
     )
     blocks: list[Any] = [Paragraph(text)]
-    columns = Column("Set"), Column("Output"), Column("Largest estimated error"), Column("Largest value")
+    columns = Column("Set"), Column("Output"), Column("Largest estimated error"), Column("Worst value")
     rows = []
     counts = []
     for name in sets_with_scenes(evaluation):
@@ -52,7 +52,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
                     TextCell(name),
                     TextCell(entry.symbol or variable),
                     Quantity(errors.max(), kind) if errors.size else TextCell("no finite error", "none"),
-                    Quantity(np.abs(values).max(), kind)
+                    Quantity(values.min() if variable.startswith("least") else np.abs(values).max(), kind)
                     if values.size
                     else TextCell("no finite value", "none"),
                 )

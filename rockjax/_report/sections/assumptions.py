@@ -58,37 +58,69 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 def _row(assumption: Assumption, evaluation: Evaluation) -> tuple[TextCell, ...]:
     """Return the row of an assumption. The assumption counts as violated if it is violated for any set of
     motions."""
-    texts, violated, tested, unfinished = [], False, False, 0
-    for name, outcomes in evaluation.assumptions.items():  # sets of motions
-        outcome = outcomes[assumption.id]
-        if isinstance(outcome, str):
-            if outcome not in texts:
-                texts.append(outcome)
-            continue
-        tested = True
-        violated |= bool(outcome.violated.any())
-        unfinished += outcome.unfinished
-        texts.append(_sentence(name, outcome))
+    found = {name: outcomes[assumption.id] for name, outcomes in evaluation.assumptions.items()}
+    outcomes = {name: outcome for name, outcome in found.items() if isinstance(outcome, Outcome)}
+    without: dict[str, list[str]] = {}  # reason for not testing → sets of motions
+    for name, reason in found.items():
+        if isinstance(reason, str):
+            without.setdefault(reason, []).append(name)
     if assumption.id == "A6":  # the law of impact; the test compares the results of checks under other laws
-        changed = [
-            check.id
-            for check in evaluation.checks
-            if any(result != _result_if_valid(check) for _, result in check.laws.values())
-        ]
-        tested = any(check.laws for check in evaluation.checks)
-        violated = bool(changed)
-        texts.append(f"Results that change: {', '.join(changed) or 'none'}.")
-    words = {"A6": ("matters", "makes no difference")}.get(assumption.id, ("violated", "holds"))
-    result = TextCell(words[0], "violated") if violated else TextCell(words[1], "holds")
-    if unfinished and not violated:
-        result = TextCell("undecided", "undecided")
+        result, text = _changes(evaluation)
+        texts = [*without, text]
+    else:
+        result = _result(tuple(outcomes.values()), has_untested_set=bool(without))
+        texts = [_sentence(name, outcome) for name, outcome in outcomes.items()]
+        # The sets are named unless the reason applies to all of them.
+        is_common = len(without) == 1 and not outcomes
+        texts += [reason if is_common else f"{', '.join(sets)}: {reason}" for reason, sets in without.items()]
     return (
         TextCell(assumption.id),
         TextCell(assumption.text),
         TextCell(assumption.conservative),
-        result if tested else TextCell("not tested", "not tested"),
+        result,
         TextCell(" ".join(texts) or "No scene was solved."),
     )
+
+
+def _result(outcomes: tuple[Outcome, ...], has_untested_set: bool) -> TextCell:
+    """Return the cell with the result of the tests of an assumption.
+
+    - `outcomes`: outcomes for the sets in which the assumption was tested
+    - `has_untested_set`: whether there are sets in which it was not tested
+    """
+    if not outcomes:
+        return TextCell("not tested", "not tested")
+    if any(outcome.violated.any() for outcome in outcomes):
+        return TextCell("violated", "violated")
+    if any(outcome.unfinished for outcome in outcomes):
+        return TextCell("undecided", "undecided")
+    if has_untested_set:
+        return TextCell("not tested in every set", "not tested")
+    if any(outcome.untested for outcome in outcomes):
+        return TextCell("not tested in every scene", "not tested")
+    return TextCell("holds", "holds")
+
+
+def _changes(evaluation: Evaluation) -> tuple[TextCell, str]:
+    """Return a cell that states whether other laws of impact change results of checks, and a text with the
+    ids of the checks whose results change and of the checks that were not repeated."""
+    made = [check for check in evaluation.checks if check.values is not None]
+    repeated = [check for check in made if check.laws]
+    if not repeated:
+        return TextCell("not tested", "not tested"), "No check was repeated."
+    changed = [
+        check.id
+        for check in repeated
+        if any(result != _result_if_valid(check) for _, result in check.laws.values())
+    ]
+    others = [check.id for check in made if not check.laws]
+    text = f"Results that change: {', '.join(changed) or 'none'}."
+    text += f" Not repeated: {', '.join(others)}." if others else ""
+    if changed:
+        return TextCell("matters", "violated"), text
+    if others:
+        return TextCell("no difference in the repeated checks", "not tested"), text
+    return TextCell("makes no difference", "holds"), text
 
 
 def _result_if_valid(check: Check) -> str:
@@ -103,7 +135,8 @@ def _sentence(name: str, outcome: Outcome) -> str:
     count, scenes = int(np.sum(outcome.violated)), len(outcome.violated)
     share = f"; violated in {count} of {scenes} scenes" if count else ""
     unfinished = f"; {outcome.unfinished} of {scenes} scenes did not finish" if outcome.unfinished else ""
-    return f"{name}: {outcome.text.format(worst)}{share}{unfinished}."
+    untested = f"; not tested in {outcome.untested} of {scenes} scenes" if outcome.untested else ""
+    return f"{name}: {outcome.text.format(worst)}{share}{untested}{unfinished}."
 
 
 def _laws(evaluation: Evaluation) -> Table | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,7 +34,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
             Column("Set"),
             Column("Motion"),
             Column("Base shear / weight", "number"),
-            Column("Velocity jump of the deck", "velocity"),
+            Column("Largest velocity jump of the deck", "velocity", note="with its motion"),
         )
         blocks.append(
             Table(
@@ -67,12 +68,17 @@ def _shear(evaluation: Evaluation, name: str) -> tuple[Cell, ...]:
     k = governing_motion(data, "peak_shear")
     if k is None:
         return heading, *[NO_SCENE] * 3
-    jump = data["peak_velocity_jump"][k] if "peak_velocity_jump" in data else np.nan
+    names = evaluation.problem.motions[name].names
+    jump, of_motion = math.nan, ""
+    if "peak_velocity_jump" in data:
+        jumps = np.where(surviving_scenes(data), data["peak_velocity_jump"].values, np.nan)
+        jump = float(np.fmax.reduce(jumps))
+        of_motion = names[int(np.argmax(np.nan_to_num(jumps, nan=-1.0)))] if math.isfinite(jump) else ""
     return (
         heading,
-        TextCell(evaluation.problem.motions[name].names[k]),
+        TextCell(names[k]),
         peak_cell(data, k, data["peak_shear"][k], "number"),
-        number_cell(jump, "velocity", text="no impact"),
+        number_cell(jump, "velocity", text="no impact", note=of_motion),
     )
 
 

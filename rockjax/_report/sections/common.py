@@ -14,15 +14,16 @@ import numpy as np
 
 from rockjax import _results as results
 from rockjax._report.blocks import Figure
+from rockjax._report.cells import slug
+from rockjax._report.evaluation import describe_error
 from rockjax._report.store import fingerprint
-from rockjax._report.tables import TextCell
+from rockjax._report.tables import Column, Table, TextCell
 
 if TYPE_CHECKING:
     import xarray
 
-    from rockjax._report.evaluation import Evaluation
+    from rockjax._report.evaluation import Check, Evaluation
     from rockjax._report.scenes import Scenes
-    from rockjax._report.tables import Table
 
 NO_SCENE = TextCell("no scene survives", "overturned")  # in place of a number of the surviving scenes
 
@@ -30,6 +31,12 @@ NO_SCENE = TextCell("no scene survives", "overturned")  # in place of a number o
 def sets_with_scenes(evaluation: Evaluation) -> tuple[str, ...]:
     """Return the names of the sets of motions for which at least one check has values."""
     return tuple(evaluation.assumptions)
+
+
+def unused_sets(evaluation: Evaluation) -> list[str]:
+    """Return the names of the sets of motions that no check asks for."""
+    used = {check.motions for check in evaluation.checks}
+    return [name for name in evaluation.problem.motions if name not in used]
 
 
 def surviving_scenes(data: xarray.Dataset) -> np.ndarray:
@@ -85,6 +92,16 @@ def details(evaluation: Evaluation, section: int) -> list[Table]:
     tables: dict[str, Table] = {}
     for check in evaluation.checks:
         if check.values is not None and check.kind.section == section:
-            for table in check.kind.tables(check.entry, check.values, evaluation.scenes):
+            for table in _tables(check, evaluation.scenes):
                 tables.setdefault(table.name, table)
     return list(tables.values())
+
+
+def _tables(check: Check, scenes: Scenes) -> list[Table]:
+    """Return the tables with the details of a check, or a table with the error that they raise."""
+    assert check.values is not None
+    try:
+        return check.kind.tables(check.entry, check.values, scenes)
+    except Exception as error:
+        caption, rows = f"Details of check {check.id}", ((TextCell(describe_error(error), "unanswered"),),)
+        return [Table(f"details-{slug(check.id)}", caption, (Column("Error"),), rows)]

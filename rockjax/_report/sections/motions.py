@@ -16,7 +16,7 @@ from rockjax._report.tables import Code, Column, Quantity, Table, TextCell
 from rockjax._report.units import Units
 from rockjax._structures import g_tan_alpha
 
-from .common import sets_with_scenes, stored_figure
+from .common import sets_with_scenes, stored_figure, unused_sets
 
 if TYPE_CHECKING:
     from rockjax._report.evaluation import Evaluation
@@ -40,9 +40,14 @@ def section(evaluation: Evaluation, units: Units) -> Section:
             blocks.append(stored_figure(evaluation, f"spectra-{slug(name)}", inputs, draw))
     for name in used:
         blocks.append(_table(evaluation, problem.motions[name], period))
-    unused = [name for name in problem.motions if name not in used]
+    unused = unused_sets(evaluation)
     if unused:
         blocks.append(Paragraph(("No check uses the sets ", Code(", ".join(unused)), "."), is_note=True))
+    without = [name for name in problem.motions if name not in (*used, *unused)]
+    if without:
+        blocks.append(
+            Paragraph(("No check was made with the sets ", Code(", ".join(without)), "."), is_note=True)
+        )
     if not blocks:
         blocks.append(Paragraph("No check was made with ground motions."))
     return Section(3, "Ground motions", tuple(blocks))

@@ -20,8 +20,11 @@ def section(evaluation: Evaluation, units: Units) -> Section:
     """Return section 12 of the page."""
     del units
     problem = evaluation.problem
+    # Histories are not counted, because only new pictures need them.
     scenes = sum(
-        int(data["result"].size) for data in evaluation.scenes.store.data.values() if "result" in data
+        int(data["result"].size)
+        for name, data in evaluation.scenes.store.used.items()
+        if "result" in data and not name.startswith("history.")
     )
     rows = [
         ("rockjax", __version__),
@@ -29,7 +32,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
         ("Python", platform.python_version()),
         ("Platform", f"{platform.system()} {platform.machine()}"),
         ("Problem file", f"{problem.path.name}, SHA-256 {problem.sha256}"),
-        ("Scenes stored", str(scenes)),
+        ("Scenes of this report", str(scenes)),
     ]
     if problem.risk.hazard is not None:
         path = problem.path.parent / problem.risk.hazard
