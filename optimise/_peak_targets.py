@@ -238,7 +238,8 @@ class PeakFriction(PeakLimit):
     of (limit·N − |T|)/(limit·N_0) over time and columns. The margin is also defined if N < 0, where the joint
     would open, so that a search can start from such a structure. If the columns overturn, margins are at most
     the overturning margin, which is negative. If the podium has no elevation (positions of columns and
-    heights of masses), T and N are averaged over the columns.
+    heights of masses), T and N are averaged over the columns. At a joint with N_0 = 0, m_c g replaces N_0 if
+    the joint slides; otherwise the margin is 1.
     """
 
     def __init__(self, limit, excitations, name: Name = None):
@@ -267,13 +268,15 @@ class PeakFoundationShear(PeakLimit):
 class LeastAxialForce(AbstractResponseTarget):
     """The axial force N in all joints is at least a fraction of the dead load N_0: N ≥ at_least·N_0.
 
-    - `at_least`: the fraction, 0 ≤ at_least < 1 [–]; 0 keeps the joints closed
+    - `at_least`: the fraction, 0 ≤ at_least < 1 [–]; 0 keeps the joints closed between impacts
     - `excitations`: a motion or a list of motions; `name`: name in reports, None for a description
 
     Compression is positive. N_0 is averaged over the columns. The bottom and the top joint have one margin
     each, min(N)/N_0 − at_least, with the minimum over time and columns. If the columns overturn, margins are
     at most the overturning margin, which is negative. If the podium has no elevation (positions of columns
-    and heights of masses), N is averaged over the columns. Raises `ValueError` for other fractions.
+    and heights of masses), N is averaged over the columns. Impulses of impacts are not limited: the beam may
+    lift off a column at an impact, as the output `"impact_friction"` shows. At a joint with N_0 = 0, m_c g
+    replaces N_0 if N < 0; otherwise the margin is 1 − at_least. Raises `ValueError` for other fractions.
     """
 
     at_least: Any

@@ -47,6 +47,7 @@ from ._responses.floor import FloorMotion as FloorMotion
 from ._responses.floor_answers import ContentsAnswer as ContentsAnswer
 from ._responses.floor_answers import OscillatorAnswer as OscillatorAnswer
 from ._responses.history import Energies as Energies
+from ._responses.joint_forces import JointForces as JointForces
 from ._responses.peak import Peak as Peak
 from ._responses.response import Response as Response
 from ._responses.sensitivities import Sensitivities as Sensitivities

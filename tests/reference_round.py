@@ -134,10 +134,39 @@ class RoundFrame:
         N_b, T_b = N_t + G + 0.5 * rise, T_t + 0.5 * (a_b + ground)
         moment = -self.gamma * self.beam_height * a_b
         moment = moment + self.eta * (self.top_height * spring + (G + rise) * drift)
-        x = np.array(self.positions) - np.mean(self.positions)
-        extra = x[:, None] / np.mean(x**2) * (moment + (s * self.B + self.radius * theta) * N_t)
+        extra = self.transfer(moment + (s * self.B + self.radius * theta) * N_t)
         T = np.stack([T_b - extra * K / L, T_t - extra * K / L], axis=1)
         return T / G, np.stack([N_b + extra, N_t + extra], axis=1) / G
+
+    def transfer(self, moment):
+        """Return the axial forces of the columns minus their mean, (F8), axes (columns, times); `moment` is
+        the moment of these differences about the tops of the columns, divided by N m_c."""
+        x = np.array(self.positions) - np.mean(self.positions)
+        return x[:, None] / np.mean(x**2) * moment
+
+    def forces_in_contact(self, ground):
+        """Return T and N in full contact divided by m_c g, without a superstructure, axes (columns, joints,
+        times): (F3), (F6), (F8), (F10), (F11) with the dimensions of the flat faces."""
+        ground = np.asarray(ground, float)
+        N_t = self.gamma * G * np.ones_like(ground)
+        N_b, T_t, T_b = N_t + G, self.gamma * ground, (1 + self.gamma) * ground
+        xi = -(T_b + T_t) / (math.tan(self.alpha) * (N_b + N_t))
+        extra = self.transfer(-self.gamma * self.beam_height * ground + xi * self.B * N_t)
+        lean = xi * math.tan(self.alpha) * extra
+        T = np.stack([T_b - lean, T_t - lean], axis=1)
+        return T / G, np.stack([N_b + extra, N_t + extra], axis=1) / G
+
+    def impulses(self, s: int, omega: float):
+        """Return (J_T, J_N) divided by m_c of an impact without a superstructure, axes (columns, joints, 2):
+        (F12) to (F14) with the dimensions of the flat faces; `s` is the side before the impact and `omega`
+        the size of the rate before it. All impulses act at the new edges."""
+        e = self.restitution
+        sway, rise = 2 * self.H * (1 - e) * s * omega, 2 * self.B * (1 + e) * omega
+        J_N = np.array([(self.gamma + 0.5) * rise, self.gamma * rise])
+        J_T = np.array([(self.gamma + 0.5) * sway, self.gamma * sway])
+        moment = -self.gamma * self.beam_height * sway - s * self.B * J_N[1]
+        extra = self.transfer(np.array([moment]))
+        return np.stack([J_T + s * math.tan(self.alpha) * extra, J_N + extra], axis=-1)
 
 
 @dataclasses.dataclass

@@ -201,14 +201,14 @@ def responses(
     unsolved = int(np.sum(integers["code"] == results.INTERRUPTED))
     if unsolved or stop.is_set():
         message = f"stopped with {scenes.total - unsolved} of {scenes.total} scenes solved"
-        fields = peak_fields(floats, integers, options)
+        fields = peak_fields(podiums, floats, integers, options)
         raise Interrupted(message, Peak(**fields, errors=estimates, sensitivities=slopes))
     floor_answers = ()
     if systems:
         floor_answers = answers_on_floors(
             scenes, shape, options, systems, progress, stop, lane_executor.threads
         )
-    fields = peak_fields(floats, integers, options)
+    fields = peak_fields(podiums, floats, integers, options)
     return Peak(**fields, errors=estimates, sensitivities=slopes, on_floors=floor_answers)
 
 

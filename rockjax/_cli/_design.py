@@ -39,8 +39,7 @@ def design(request: Request, console: Console, output: Output = "rockjax-design"
     best, written, interrupt = optimise.design_command(problem, files.prefix, console.quiet, files.format)
     console.say(str(best))
     peaks = optimise.joint_peaks(problem, best)
-    for line in joint_warnings(best.podium, peaks, request.problem.friction):
-        console.say(line)
+    console.say_warnings(joint_warnings(best.podium, peaks, request.problem.friction))
     for path in written:
         console.add_file(path)
     console.json_object |= {

@@ -119,8 +119,7 @@ def fragility(
                 progress=bar,
             )
     _report_curves(console, files, analysis, settings, curves)
-    for line in joint_warnings(podium, analysis, settings.friction):
-        console.say(line)
+    console.say_warnings(joint_warnings(podium, analysis, settings.friction))
 
 
 def _report_curves(

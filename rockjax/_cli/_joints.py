@@ -16,8 +16,12 @@ if TYPE_CHECKING:
 
     import rockjax as rj
 
-VARIABLES = ("least_axial_force", "least_impulse_share", "peak_friction", "peak_impact_friction")
-OUTPUTS = ("peak_friction", "axial_force", "impact_friction")  # outputs that contain `VARIABLES`
+# Variables of the checks, and the outputs that contain them.
+OPENING = {"least_axial_force": "axial_force", "least_impulse_share": "impact_friction"}
+SLIDING = {"peak_friction": "peak_friction", "peak_impact_friction": "impact_friction"}
+VARIABLES = (*OPENING, *SLIDING)
+OUTPUTS = ("peak_friction", "axial_force", "impact_friction")
+LIFT_OFF, FRICTION = "whether the beam stays on all columns", "friction in the joints"
 ROUNDING = 1e-9  # allowed rounding error of `Podium.impact_eccentricity` [–]
 
 
@@ -33,59 +37,83 @@ def joint_warnings(podium: rj.Podium, peaks: Any, friction: float | None) -> Ite
     """Yield a line for each assumption about the joints that does not hold or cannot be checked.
 
     - `podium`: the structure
-    - `peaks`: the response of a scene, or a dataset of a batch, with `VARIABLES`, `overturned` and, in a
-      batch, codes `result`; None to check only the restitution. In a batch, scenes that overturn or do not
-      finish are ignored. A single scene is always checked
+    - `peaks`: the response of a scene, or a dataset of a batch, with `overturned` and, in a batch, codes
+      `result`; None without any scene. Those of `VARIABLES` that it does not have are not checked. In a
+      batch, scenes that overturn or do not finish are ignored. A single scene is always checked
     - `friction`: friction coefficient μ of the joints [–]; None to omit the checks of friction
     """
-    import numpy as np
-
-    from rockjax._results import did_not_finish
-
     eccentricity = float(podium.impact_eccentricity)
     if eccentricity > 1 + ROUNDING:
         yield (
             f"warning: e = {float(podium.restitution_factor):.4g} is too small for rigid faces: at an impact "
             f"the old edges would need tension (impact_eccentricity = {eccentricity:.3g} > 1)"
         )
-    if podium.elevation is None:
-        yield (
-            "not checked, because the structure has no elevation: friction in the joints, and whether the "
-            "beam stays on all columns"
-        )
+    reason = "the structure has no elevation" if podium.elevation is None else "there are no motions"
+    if podium.elevation is None or peaks is None:
+        yield f"not checked, because {reason}: {FRICTION}, and {LIFT_OFF}"
         return
-    if peaks is None:
+    extremes = _extremes(peaks)
+    if any(values.size == 0 for values in extremes.values()):
+        yield f"not checked, because no scene survives: {FRICTION}, and {LIFT_OFF}"
         return
-    overturned = np.asarray(peaks.overturned)
-    survives = np.ones((), bool)
+    yield from _missing(extremes, friction)
+    yield from _openings(extremes)
+    if friction is not None:
+        yield from _slips(extremes, friction)
+
+
+def _extremes(peaks: Any) -> dict[str, np.ndarray]:
+    """Return the worse value of the two joints of a column for each surviving scene, by name. Variables that
+    `peaks` does not have are left out."""
+    import numpy as np
+
+    from rockjax._results import did_not_finish
+
+    overturned, survives = np.asarray(peaks.overturned), np.ones((), bool)
     if overturned.ndim:
         survives = ~(overturned | did_not_finish(np.asarray(peaks.result)))
+    extremes = {}
+    for name in VARIABLES:
+        values = getattr(peaks, name, None)
+        if values is not None:
+            joint_axis = values.dims.index("joint") if hasattr(values, "dims") else -1
+            worse = np.min if name in OPENING else np.max
+            extremes[name] = worse(np.asarray(values), axis=joint_axis)[survives]
+    return extremes
 
-    def extreme(name: str, sign: int) -> np.ndarray:
-        """Return the larger (`sign` 1) or smaller (`sign` −1) value of the two joints of a column, for each
-        surviving scene."""
-        values = getattr(peaks, name)
-        joint_axis = values.dims.index("joint") if hasattr(values, "dims") else -1
-        return sign * np.max(sign * np.asarray(values), axis=joint_axis)[survives]
 
-    axial_force, impulse_share = extreme("least_axial_force", -1), extreme("least_impulse_share", -1)
-    if axial_force.size == 0:
-        return
-    opens = (axial_force < 0) | (impulse_share < 0)
-    if opens.any():
-        yield (
-            f"warning: a joint opens{_scenes_note(opens)} (least N = {axial_force.min():.4g} m_c g, least "
-            f"share of the mean impulse {impulse_share.min():.3g}); from then on the model does not apply"
-        )
-    if friction is None:
-        return
+def _missing(extremes: dict[str, np.ndarray], friction: float | None) -> Iterator[str]:
+    """Yield a line that names the checks without a variable, and the outputs that they need."""
+    checks = {LIFT_OFF: OPENING} | ({} if friction is None else {FRICTION: SLIDING})
+    outputs = {name: y for check in checks.values() for name, y in check.items() if name not in extremes}
+    subjects = [subject for subject, check in checks.items() if any(name in outputs for name in check)]
+    if outputs:
+        names = ", ".join(dict.fromkeys(outputs.values()))
+        yield f"not checked completely: {', and '.join(subjects)} (request the outputs {names})"
+
+
+def _openings(extremes: dict[str, np.ndarray]) -> Iterator[str]:
+    """Yield a warning if a joint opens in a surviving scene."""
+    found = {name: extremes[name] for name in OPENING if name in extremes}
+    opens = sum(values < 0 for values in found.values())  # number of variables below zero, for each scene
+    if found and opens.any():
+        texts = {
+            "least_axial_force": "N = {:.4g} m_c g",
+            "least_impulse_share": "share of the mean impulse {:.3g}",
+        }
+        least = ", ".join(f"least {texts[name].format(values.min())}" for name, values in found.items())
+        note = _scenes_note(opens > 0)
+        yield f"warning: a joint opens{note} ({least}); from then on the model does not apply"
+
+
+def _slips(extremes: dict[str, np.ndarray], friction: float) -> Iterator[str]:
+    """Yield a warning for motions and for impacts that need more than the friction coefficient `friction`."""
     for cause, name in (("the motion", "peak_friction"), ("an impact", "peak_impact_friction")):
-        demand = extreme(name, 1)
-        slides = demand > friction
-        if slides.any():
+        demand = extremes.get(name)
+        if demand is not None and (demand > friction).any():
             yield (
                 f"warning: {cause} needs friction {demand.max():.3g} in a joint, more than μ = "
-                f"{friction:g}{_scenes_note(slides)}"
+                f"{friction:g}{_scenes_note(demand > friction)}"
             )
 
 

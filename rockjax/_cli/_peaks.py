@@ -83,8 +83,7 @@ def peaks(request: Request, console: Console, output: Output = "rockjax-peaks") 
     ):
         console.say(f"  {line}")
     console.json_object["motions"] = rows
-    for line in joint_warnings(podium, data if "least_axial_force" in data else None, settings.friction):
-        console.say(f"  {line}")
+    console.say_warnings(joint_warnings(podium, data, settings.friction), indent="  ")
     if message := explain_failures(data["result"]):
         console.error(message)
 

@@ -66,8 +66,7 @@ def response(request: Request, console: Console, output: Output = "rockjax-respo
     console.say(repr(history))
     for line in _describe_inputs(data.attrs | MASSES.get({})):
         console.say(f"  {line}")
-    for line in joint_warnings(podium, history, request.settings.friction):
-        console.say(f"  {line}")
+    console.say_warnings(joint_warnings(podium, history, request.settings.friction), indent="  ")
     share = residual_share(podium)
     if share > 0:
         console.say(

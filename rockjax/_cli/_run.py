@@ -9,7 +9,7 @@ import logging
 import os
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_type_hints
 
@@ -44,6 +44,18 @@ class Console:
         """Print a line of the summary."""
         if not (self.quiet or self.json):
             typer.echo(line)
+
+    def say_warnings(self, lines: Iterable[str], indent: str = "") -> None:
+        """Print lines about assumptions that fail or were not checked, and add them to the JSON object.
+
+        If `quiet` is set, lines that begin with "warning" are still printed, on stderr.
+        """
+        lines = list(lines)
+        self.json_object["warnings"] = lines
+        for line in lines:
+            self.say(f"{indent}{line}")
+            if self.quiet and line.startswith("warning"):
+                typer.echo(f"rockjax: {line}", err=True)
 
     def note(self, line: str) -> None:
         """Print a remark if `verbose` is set."""

@@ -86,7 +86,8 @@ class AxialForce(AbstractJointOutput):
 class Unloading(AxialForce):
     """The largest loss of axial force 1 − N/N_0 at the bottom and the top joint, over time and over all
     columns [–]. N_0 is the mean axial force of the columns at rest. If the loss exceeds 1, a joint would
-    open. The answer is 0 at a joint with N_0 = 0. Design targets and limit states use this output.
+    open. At a joint with N_0 = 0, the answer is 0 if the joint stays closed, and otherwise 1 − N/(m_c g).
+    Design targets and limit states use this output.
     """
 
     name = "unloading"
@@ -98,4 +99,5 @@ class Unloading(AxialForce):
     def answer(self, ended: Ended, accumulator: Pairs, note: Any) -> dict[str, Any]:
         least = super().answer(ended, accumulator, note)["least_axial_force"]
         load = not_none(ended.scene.c.joints).dead_load
-        return {self.name: jnp.where(load > 0, 1 - least / jnp.where(load > 0, load, 1.0), 0.0)}
+        unloading = 1 - least / jnp.where(load > 0, load, 1.0)
+        return {self.name: jnp.where((load > 0) | ~(least >= 0), unloading, 0.0)}

@@ -190,8 +190,9 @@ class PeakFriction(AbstractJointOutput):
 class FrictionUse(AbstractJointOutput):
     """The largest use of friction 1 − (μN − |T|)/(μN_0) at the bottom and the top joint, over time and over
     all columns [–]. N_0 is the axial force of the mean column under dead load. If the use exceeds 1, the
-    joint would slide. The answer is 0 at a joint without dead load. Design targets use this output instead of
-    |T|/N, because the use of friction is smooth at N = 0.
+    joint would slide. At a joint with N_0 = 0, the answer is 0 if the joint does not slide, and otherwise
+    computed with N_0 = m_c g. Design targets use this output instead of |T|/N, because the use of friction is
+    smooth at N = 0.
 
     The accumulator (the value so far) is the largest |T| − μN of each joint [m/s²].
 
@@ -229,6 +230,6 @@ class FrictionUse(AbstractJointOutput):
         return all_of(itertools.starmap(holds, zip(*pairs, strict=True)))
 
     def answer(self, ended: Ended, accumulator: Accumulator, note: Any) -> dict[str, Any]:
-        capacity = self.limit * ended.scene.c.g * not_none(ended.scene.c.joints).dead_load
-        use = 1 + jnp.stack(accumulator) / jnp.where(capacity > 0, capacity, 1.0)
-        return {self.name: self.nan_if_unknown(ended, jnp.where(capacity > 0, use, 0.0))}
+        load, excess = not_none(ended.scene.c.joints).dead_load, jnp.stack(accumulator)
+        use = 1 + excess / (self.limit * ended.scene.c.g * jnp.where(load > 0, load, 1.0))
+        return {self.name: self.nan_if_unknown(ended, jnp.where((load > 0) | (excess > 0), use, 0.0))}

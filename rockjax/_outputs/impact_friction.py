@@ -35,10 +35,8 @@ def _impulse_gradient(c: Coefficients, sway: Value | float) -> Value:
     """
     joints = not_none(c.joints)
     arms, mean = not_none(joints.arms), joints.impulses
-    half_width = 0.5 * c.two_R * c.sin_alpha
-    moment = (
-        mean.rise * sway - arms.beam * mean.sway - joints.impulse_eccentricity * half_width * mean.axial[1]
-    )
+    lever = joints.impulse_eccentricity * arms.lever(0.5 * c.two_R * c.sin_alpha, c.sin_alpha / c.cos_alpha)
+    moment = mean.rise * sway - arms.beam * mean.sway - lever * mean.axial[1]
     return moment / arms.mean_square
 
 

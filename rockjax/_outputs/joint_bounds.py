@@ -285,18 +285,29 @@ class JointBounds:
         least, most = (self.c.g + share * y for y in self._rise)
         return least - self.vertical, most + self.vertical
 
+    @property
+    def _levers(self) -> tuple[Value, ...]:
+        """Bounds on |`Arms.lever`| for columns with round ends; for flat ends, the only value χB [m]."""
+        arms, (_, sin, cos, *_) = self.joints.arms, self.rotation
+        flat = 0.5 * self.c.two_R * self.c.sin_alpha
+        if arms is None or arms.raised is None:
+            return (flat * self.eccentricity,)
+        leans = _product(sin, (1 / cos[1], 1 / cos[0]))
+        return tuple(arms.lever(flat, lean) * self.eccentricity for lean in leans)
+
     @functools.cached_property
     def _top(self) -> Span:
         """Lower and upper bounds on N at the top joint of all columns [m/s²]. The extremes are at the end
         columns. By (F8) they are N_t (1 ± χB/ℓ_p) ± M/ℓ_p. N_t is the mean of N, M the overturning moment
-        divided by the mass of all columns, B half the width of a column and ℓ_p the core distance."""
+        divided by the mass of all columns, B half the width of a column and ℓ_p the core distance. For round
+        ends, `Arms.lever` replaces χB; the extremes are then at its bounds."""
         c, arms, devices, rotation = self.c, self.joints.arms, self._over_both, self.rotation
         mass, spans = self.joints.gamma + c.eta, []
-        for side in (0.0,) if arms is None else (-1.0, 1.0):
+        for side, lever in itertools.product((0.0,) if arms is None else (-1.0, 1.0), self._levers):
             share, beam, modal, sway = jnp.ones_like(c.alpha), jnp.zeros_like(c.alpha), 0.0, 0.0
             if arms is not None:
                 factor = side / arms.core_distance
-                share = 1 + factor * 0.5 * c.two_R * c.sin_alpha * self.eccentricity
+                share = 1 + factor * lever
                 beam = factor * arms.beam
                 if c.vibration is not None:
                     heaviest = c.g + self.vertical + jnp.maximum(-self._rise[0], self._rise[1])

@@ -145,17 +145,20 @@ def _overturning_moment(
     return beam_moment + weighted(not_none(arms.modes), springs) + weight * weighted(c.etas, x[1] - beam.sway)
 
 
-def transfer(c: Coefficients, moment: Value, eccentricity: Value, axial: Value, offsets: Values) -> Values:
+def transfer(
+    c: Coefficients, moment: Value, eccentricity: Value, lean: Value, axial: Value, offsets: Values
+) -> Values:
     """Return the axial forces of columns minus the axial force of the mean column, (F8) [m/s²].
 
+    - `c`: constants of the podium
     - `moment`: overturning moment M divided by N m_c [m²/s²]
-    - `eccentricity`: χ, as in `MeanForces` [–]
+    - `eccentricity`, `lean`: χ and the inclination of the forces, as in `MeanForces` [–]
     - `axial`: N_t of the mean column [m/s²]
     - `offsets`: positions of the columns from their mean [m]
     """
     arms = not_none(not_none(c.joints).arms)
-    half_width = 0.5 * c.two_R * c.sin_alpha
-    return offsets * ((moment + eccentricity * half_width * axial) / arms.mean_square)
+    lever = arms.lever(eccentricity * (0.5 * c.two_R * c.sin_alpha), lean)
+    return offsets * ((moment + lever * axial) / arms.mean_square)
 
 
 def column_forces(
@@ -171,7 +174,7 @@ def column_forces(
     if offsets is None:
         return [y[0] for y in joints], [y[1] for y in joints]
     moment = not_none(mean.moment)
-    transferred = [transfer(c, moment, mean.eccentricity, mean.top[1], y) for y in offsets]
+    transferred = [transfer(c, moment, mean.eccentricity, mean.lean, mean.top[1], y) for y in offsets]
     tangential = [y[0] - change * mean.lean for y in joints for change in transferred]
     return tangential, [y[1] + change for y in joints for change in transferred]
 
@@ -195,8 +198,8 @@ def impulses_of_columns(
         return tangential, axial
     eccentricity = -sigma * joints.impulse_eccentricity
     moment = mean.rise * sway - not_none(joints.arms).beam * mean.sway * sigma
-    transferred = [transfer(c, speed * moment, eccentricity, axial[1], y) for y in offsets]
     lean = eccentricity * (c.sin_alpha / c.cos_alpha)
+    transferred = [transfer(c, speed * moment, eccentricity, lean, axial[1], y) for y in offsets]
     return (
         [y - lean * change for y in tangential for change in transferred],
         [y + change for y in axial for change in transferred],

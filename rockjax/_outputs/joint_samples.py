@@ -12,13 +12,30 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from rockjax._engine.coefficients import not_none
+from rockjax._engine.coefficients import Coefficients, not_none
 from rockjax._types import Flag, Value
 
 from .joint_forces import mean_forces
 from .joints import EndForces, Force, all_of, end_forces, end_offsets
-from .shear import beam_curvatures, exceeds_nowhere
+from .shear import BeamCurvatures, beam_curvatures, exceeds_nowhere
 from .views import Moment, Sample
+
+
+def _leaning(c: Coefficients, beam: BeamCurvatures, start: Value, end: Value, curvature: Value) -> Value:
+    """Bound h²|d²(N tan ψ)/dt²| of an axial force N [m/s²] in a sampling interval of length h.
+
+    - `c`: constants of the podium; `beam`: bounds on the motion
+    - `start`, `end`: N at the ends of the interval; `curvature`: bound on h²|d²N/dt²|, all [m/s²]
+    """
+    # Bounds on |tan ψ|, h|d tan ψ/dt| and h²|d² tan ψ/dt²|.
+    tan, per_angle = c.sin_alpha / c.cos_alpha, 1 / c.cos_alpha**2
+    tan_rate = beam.first * per_angle
+    tan_curvature = (beam.second + 2 * tan * beam.first**2) * per_angle
+    return (
+        tan * curvature
+        + (2 * jnp.abs(end - start) + curvature) * tan_rate
+        + (jnp.maximum(jnp.abs(start), jnp.abs(end)) + 0.125 * curvature) * tan_curvature
+    )
 
 
 class SampleForces(NamedTuple):
@@ -48,24 +65,17 @@ class SampleForces(NamedTuple):
         else:
             arms = not_none(joints.arms)
             half_width = 0.5 * c.two_R * c.sin_alpha
-            change = (arms.beam * beam.horizontal + half_width * rising[1]) / arms.mean_square
-            changes = [jnp.abs(x) * change for x in offsets]
+            change = arms.beam * beam.horizontal + half_width * rising[1]
             mean = [mean_forces(c, sigma, *y).top[1] for y in (sample.start, sample.end)]
+            if arms.raised is not None:
+                change = change + arms.raised * _leaning(c, beam, *mean, rising[1])
+            change = change / arms.mean_square
+            changes = [jnp.abs(x) * change for x in offsets]
             transferred = [
                 [n - n_mean for n in forces.axial[1]]
                 for forces, n_mean in zip((start, end), mean, strict=True)
             ]
-            # Bounds on |tan ψ|, h|d tan ψ/dt| and h²|d² tan ψ/dt²|. Let ΔN be N of a column minus the mean N,
-            # (F9). `leaning` bounds h²|d²(ΔN tan ψ)/dt²|.
-            tan, per_angle = c.sin_alpha / c.cos_alpha, 1 / c.cos_alpha**2
-            tan_rate = beam.first * per_angle
-            tan_curvature = (beam.second + 2 * tan * beam.first**2) * per_angle
-            leaning = [
-                tan * change
-                + (2 * jnp.abs(b - a) + change) * tan_rate
-                + (jnp.maximum(jnp.abs(a), jnp.abs(b)) + 0.125 * change) * tan_curvature
-                for a, b, change in zip(*transferred, changes, strict=True)
-            ]
+            leaning = [_leaning(c, beam, *y) for y in zip(*transferred, changes, strict=True)]
         curvature = EndForces(
             (tuple(swaying[0] + y for y in leaning), tuple(swaying[1] + y for y in leaning)),
             (tuple(rising[0] + y for y in changes), tuple(rising[1] + y for y in changes)),

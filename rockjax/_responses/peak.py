@@ -25,6 +25,7 @@ from rockjax._outputs.base import JOINT_NAMES, JOINTS, AbstractOutput, Variable
 from rockjax._outputs.registry import VARIABLES, variables_of
 from rockjax._outputs.values import by_name
 from rockjax._results import RESULTS, Stats
+from rockjax._structures import Podium
 from rockjax._text import tables
 from rockjax._tree import Module
 
@@ -42,6 +43,7 @@ UNTIL_OVERTURNING = "until overturning"
 OPEN_JOINT_NOTE = (
     "a joint would open, or the beam would lift off at an impact: the model does not hold from then on"
 )
+MEAN_COLUMN_NOTE = "closed in the mean column; give an elevation for forces of single columns"
 
 # Answers of every scene, independent of the requested outputs.
 ALWAYS = {
@@ -117,6 +119,8 @@ class AbstractPeak(Module):
     - `errors`: estimated errors, an [`rockjax.Errors`][]; None unless requested
     - `result`: how the scene ended, a [`rockjax.RESULTS`][]
     - `stats`: numbers of steps, and the end of the scene, a [`rockjax.Stats`][]
+    - `has_elevation`: True if answers of the joints are those of the worst column; False if the podium has no
+      elevation, so that they are those of the mean column, or if no such answer was requested
     """
 
     values: dict[str, Any]
@@ -131,6 +135,7 @@ class AbstractPeak(Module):
     result: RESULTS
     stats: Stats
     user_outputs: tuple[AbstractOutput, ...] = eqx.field(static=True, default=(), kw_only=True)
+    has_elevation: bool = eqx.field(static=True, default=False, kw_only=True)
     on_floors: tuple[Any, ...] = eqx.field(default=(), kw_only=True)
 
     def __getattr__(self, name: str) -> Any:
@@ -139,15 +144,19 @@ class AbstractPeak(Module):
     @property
     def joints_closed(self) -> Bool[Array, "*batch"]:
         """True if no joint would open and no impact would lift the beam off a column, according to the
-        answers `least_axial_force`, `least_impulse_share` and `peak_friction`. Answers that were not
-        requested are ignored. False if the scene did not finish, such as one with the result `weightless`."""
+        answers `least_axial_force` and `least_impulse_share`. Answers that were not requested are ignored.
+        Without `least_axial_force`, `peak_friction` must be finite; a joint with N = 0 and T ≠ 0 then counts
+        as open. Without an elevation, forces are those of the mean column, so a single column may open
+        although this is True. False if the scene did not finish, such as one with the result `weightless`."""
         is_closed = ~results.did_not_finish(jnp.asarray(results.code_of(self.result)))
         for name in ("least_axial_force", "least_impulse_share"):
             values = self.values.get(name)
             if values is not None:
                 is_closed &= jnp.all(values >= 0, axis=-1)
         demand = self.values.get("peak_friction")
-        return is_closed if demand is None else is_closed & jnp.all(jnp.isfinite(demand), axis=-1)
+        if demand is None or self.values.get("least_axial_force") is not None:
+            return is_closed
+        return is_closed & jnp.all(jnp.isfinite(demand), axis=-1)
 
     def __repr__(self):
         return _text(self)
@@ -185,9 +194,12 @@ class Peak(AbstractPeak):
         return data
 
 
-def peak_fields(floats, integers, options: Options, *, throw: bool = False, history: bool = False) -> dict:
+def peak_fields(
+    podium: Podium, floats, integers, options: Options, *, throw: bool = False, history: bool = False
+) -> dict[str, Any]:
     """Return fields of the `AbstractPeak` of a scene or a batch by name: all except `errors` and `on_floors`.
 
+    - `podium`: structure, or a batch of structures
     - `floats`, `integers`: outputs of the scenes by name
     - `options`: options of the scenes
     - `throw`: whether to raise `RuntimeError` for a scene that did not finish
@@ -207,6 +219,7 @@ def peak_fields(floats, integers, options: Options, *, throw: bool = False, hist
         "result": results.result_of(code),
         "stats": stats,
         "user_outputs": tuple(y for y in options.outputs if not isinstance(y, str)),
+        "has_elevation": options.of_joints and podium.elevation is not None,
     }
 
 
@@ -416,7 +429,10 @@ def _rows_of_joints(peak: AbstractPeak) -> list[tuple[str, str]]:
     ]
     shear = peak.values.get("peak_foundation_shear")
     rows += [] if shear is None else [(VARIABLES["peak_foundation_shear"][0].symbol, _format(shear))]
-    return [*rows, ("joints", "closed" if peak.joints_closed else OPEN_JOINT_NOTE)] if rows else []
+    if not rows:
+        return []
+    closed = "closed" if peak.has_elevation else MEAN_COLUMN_NOTE
+    return [*rows, ("joints", closed if peak.joints_closed else OPEN_JOINT_NOTE)]
 
 
 def _format(values) -> str:

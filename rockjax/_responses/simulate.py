@@ -63,7 +63,7 @@ def peak_response(
     arguments = _arguments("peak_response", podium, excitation, initial, t_end, options)
     floats, integers, _ = _solve(*arguments, None)
     return Peak(
-        **peak_fields(floats, integers, options, throw=options.throw),
+        **peak_fields(podium, floats, integers, options, throw=options.throw),
         errors=_errors(arguments, floats, integers),
         on_floors=answers_on_floors("peak_response", *arguments, on_floors),
     )
@@ -104,7 +104,7 @@ def simulate(
     assert nodes is not None
     nodes, impact_times = _used_nodes(nodes, integers["impacts"])
     return Response(
-        **peak_fields(floats, integers, options, throw=options.throw, history=True),
+        **peak_fields(podium, floats, integers, options, throw=options.throw, history=True),
         errors=_errors(arguments, floats, integers),
         on_floors=answers_on_floors("simulate", *arguments, on_floors),
         impact_times=impact_times,

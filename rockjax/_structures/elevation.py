@@ -42,9 +42,10 @@ class Elevation(Module):
       floor, ascending, or 0 if the building has its own `heights`
     - `residual_height`: height of the residual mass of [`rockjax.Modes`][] above the top of the beam [m]
 
-    An elevation affects only forces in the joints, not the motion. Raises `ValueError` for values outside
-    these ranges, for fewer than two columns, or if all columns have the same position; traced values are not
-    checked.
+    `top_height` has no effect without a superstructure, and `residual_height` none unless the superstructure
+    is a [`rockjax.Modes`][] with a residual mass. An elevation affects only forces in the joints, not the
+    motion. Raises `ValueError` for values outside these ranges, for fewer than two columns, or if all columns
+    have the same position; traced values are not checked.
     """
 
     rows: ClassVar[tuple[str, ...]] = ("columns", "top_height")
@@ -146,18 +147,16 @@ class Elevation(Module):
         - `gamma`: mass ratio of the beam
         - `superstructure`: superstructure of the podium
         """
-        depth, offsets = self.beam_depth, self.offsets
+        depth, offsets, raised = self.beam_depth, self.offsets, self._raised
         beam_moment, carried_height = 0.5 * gamma * depth, self.residual_height + depth
-        if self._raised is not None:
-            depth, carried_height = depth - self._raised, carried_height - self._raised
-            beam_moment = beam_moment - gamma * self._raised
         if superstructure is None:
-            return Arms(offsets, beam_moment, None)
+            return Arms(offsets, beam_moment, None, raised)
         height = self.top_height if superstructure.own_heights is None else superstructure.own_heights
         if superstructure.height_count is not None:
             height, depth = stack_row(repeat_scalar(height, superstructure.height_count)), depth[..., None]
         modal_moments, carried = superstructure.first_moments(height + depth, carried_height)
-        return Arms(offsets, beam_moment if carried is None else beam_moment + carried, modal_moments)
+        beam_moment = beam_moment if carried is None else beam_moment + carried
+        return Arms(offsets, beam_moment, modal_moments, raised)
 
     def __repr__(self):
         return format_call(self)
@@ -174,11 +173,14 @@ class Arms(Module):
       and the other masses that move with the beam
     - `modes`: η_i h_i [m], the mass ratio times the height above the columns, for each mode; None if nothing
       vibrates
+    - `raised`: distance d by which the tops of the columns of the model are higher than the tops of the real
+      columns with round ends [m]; None for flat ends
     """
 
     offsets: Array
     beam: Number
     modes: Number | None
+    raised: Number | None = None
 
     @property
     def mean_square(self) -> Number:
@@ -189,6 +191,18 @@ class Arms(Module):
     def core_distance(self) -> Number:
         """Core distance ℓ_p of the columns [m]."""
         return _core_distance(self.offsets)
+
+    def lever(self, flat: Number, lean: Number) -> Number:
+        """Return the distance of the resultant at a top joint from the centre line of a column [m], positive
+        against the direction of motion.
+
+        For round ends, (R5) replaces the columns by taller columns with flat ends. The result belongs to the
+        real columns: to first order it is σB + r_cθ of (R4) while rocking, and exactly ξB in full contact.
+
+        - `flat`: this distance in columns with flat ends, χB [m]
+        - `lean`: inclination of the resultant to the vertical as a tangent, as in `MeanForces` [–]
+        """
+        return flat if self.raised is None else flat - self.raised * lean
 
 
 def _mean_square(offsets: Array) -> Number:

@@ -124,11 +124,12 @@ class Podium(Module):
             raise ValueError(
                 f"Podium: elevation must be None or Elevation(...), got {format_value(elevation)}"
             )
-        gamma = concrete(self.gamma)
-        if self.superstructure is None and not self.restrainers and gamma is not None and not np.any(gamma):
+        masses = [self.gamma, *([] if self.superstructure is None else [self.superstructure.mass_ratio])]
+        has_mass = any(mass is None or np.any(mass) for mass in map(concrete, masses))
+        if not has_mass and all(restrainer.joints == 1 for restrainer in self.restrainers):
             raise ValueError(
-                "Podium: an elevation needs a beam, a superstructure or restrainers on the columns; this "
-                "is a solitary block with gamma = 0"
+                "Podium: an elevation needs something on the columns: a beam, a superstructure with a mass, "
+                "or restrainers across both joints; this is a solitary block with gamma = 0"
             )
         elevation.check(self.superstructure, self.width)
 
@@ -615,8 +616,8 @@ def _with_round_ends(
     (R5).
 
     The equivalent columns are taller than the real columns. `Elevation._raised` is the distance between the
-    tops of both. `Elevation` subtracts this distance from all heights above the columns, so that all masses
-    keep their height above the middle of the columns.
+    tops of both. All masses keep their heights above the tops of the real columns, about which
+    `Arms.lever` gives the moment of the axial forces.
 
     - `owner`: name for error messages
     - `radius`: radius of the round ends [m]

@@ -950,6 +950,9 @@ def small(a_p: float, T_p: float = 1.0) -> tuple:
     return "one_sine", a_p, T_p
 
 
+ROUND = rj.Podium.from_dimensions(
+    0.45, 3.0, 1500.0, 3e3, end_radius=0.9, positions=(-3.0, 0.5, 2.0), beam_depth=0.6
+)  # γ = ⅔
 BOUNDED = {
     "rigid": Scene(S_R, small(1.9), 4.0),
     "rigid with tendons": Scene(S_R.replace(restrainers=TENDONS), small(2.4), 4.0),
@@ -968,6 +971,7 @@ BOUNDED = {
     "rough record": Scene(S_R, rough(5, 1.9), 6.0),
     "rough record and vertical motion": Scene(S_E.replace(elevation=THREE), rough(6, 1.7), 8.0, vertical=0.3),
     "block": Scene(K, small(3.2, 0.6), 4.0),
+    "round ends": Scene(ROUND, small(1.9), 4.0),
 }  # fmt: skip
 
 
@@ -1177,6 +1181,9 @@ def test_bad_elevations(arguments, message):
             [0.0, 6.0], [6.0, 3.0], "top_height.*ascending",
         ),
         (K, [0.0, 6.0], 0.0, "solitary block"),
+        (K.replace(restrainers=(rj.Tendon(1.0, joints=1),)), [0.0, 6.0], 0.0, "solitary block"),
+        (K.replace(superstructure=rj.Rigid(0.0)), [0.0, 6.0], 9.0, "solitary block"),
+        (K.replace(superstructure=rj.Elastic(0.0, 0.5)), [0.0, 6.0], 9.0, "solitary block"),
     ],
 )  # fmt: skip
 def test_elevations_that_do_not_fit(podium, columns, height, message):

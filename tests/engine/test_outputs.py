@@ -12,6 +12,8 @@ import rockjax as rj
 from rockjax._engine.flat import run
 from rockjax._engine.scene import plan_for, prepare
 from rockjax._engine.solve import answers
+from rockjax._outputs.axial_force import Unloading
+from rockjax._outputs.friction import FrictionUse
 from rockjax._outputs.registry import REGISTRY, VARIABLES
 
 FRAME = rj.Podium(alpha=0.15, R=1.5, gamma=10.0)
@@ -29,6 +31,9 @@ PODIUMS = {
     "elastic": FRAME.replace(superstructure=rj.Elastic(40.0, 0.4, 0.05), elevation=TWO),
     "modes": FRAME.replace(superstructure=rj.Modes((24.0, 6.0), (0.5, 0.15), (0.05, 0.03), 1.5)),
     "building": FRAME.replace(superstructure=BUILDING, elevation=COLUMNS),
+    "round ends": rj.Podium.from_dimensions(
+        0.45, 3.0, 1500.0, 3e3, end_radius=0.9, positions=(-3.0, 3.0), beam_depth=0.6
+    ),
     "rigid with devices": FRAME.replace(
         superstructure=rj.Rigid(40.0), restrainers=(*DEVICES, *AT_BOTTOM), elevation=TWO
     ),
@@ -113,6 +118,17 @@ def test_no_fast_forward_changes_an_output(kind, motion):
         changes = [functools.partial(without, name) for name in plan.fast_forwards]
         for change in (*changes, to_the_end):
             same(solved(podium, shaking, outputs, change)[0], expected)
+
+
+@pytest.mark.parametrize("kind", ["rigid", pytest.param("building with devices", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("output", [Unloading(), FrictionUse(0.16)], ids=lambda output: output.name)
+def test_no_fast_forward_changes_a_margin(kind, output):
+    """As the test above, for the outputs of design targets."""
+    podium, shaking = PODIUMS[kind], MOTIONS["rough"]
+    expected, plan = solved(podium, shaking, (output,))
+    for change in (*(functools.partial(without, name) for name in plan.fast_forwards), to_the_end):
+        found = solved(podium, shaking, (output,), change)[0]
+        np.testing.assert_allclose(found[output.name], expected[output.name], rtol=2e-7, atol=1e-9)
 
 
 @pytest.mark.parametrize("kind", ["rigid", pytest.param("elastic", marks=pytest.mark.slow)])

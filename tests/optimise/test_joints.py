@@ -77,6 +77,23 @@ def test_derivatives_through_lift_off(name):
         assert np.all(np.abs(np.asarray(jax.jacrev(margins)(at)) - expected) <= 3 * scale)
 
 
+def test_a_joint_without_dead_load_that_pulls():
+    """A damper pulls a weightless beam off the columns. Without the damper, the beam carries no force."""
+    motions, block = [rj.Ricker(6.5105, 0.7931)], rj.Podium(0.25, 1.2)
+    pulled = block.replace(restrainers=(rj.Damper(4.0),))
+    outputs = rj.Options(outputs=("axial_force", "peak_friction"))
+    peak = rj.peak_response(pulled, motions[0], options=outputs)
+    assert not bool(peak.joints_closed)
+    least = float(np.asarray(peak.least_axial_force)[1])
+    assert least < 0
+    margins = np.asarray(optimise.LeastAxialForce(0.2, motions).margins(pulled, rj.Options()))
+    assert margins[1] == pytest.approx(least - 0.2, rel=1e-6)
+    assert np.asarray(optimise.PeakFriction(0.5, motions).margins(pulled, rj.Options()))[1] < 0
+    for target in (optimise.LeastAxialForce(0.2, motions), optimise.PeakFriction(0.5, motions)):
+        margin = np.asarray(target.margins(block, rj.Options()))[1]
+        assert margin == (0.8 if isinstance(target, optimise.LeastAxialForce) else 1.0)
+
+
 def test_bad_input():
     for share in (-0.1, 1.0, np.nan, np.inf):
         with pytest.raises(ValueError, match=r"LeastAxialForce: at_least must be in \[0, 1\), got"):
@@ -127,6 +144,16 @@ def starts_agree(design: optimise.Design, digits: float = 1e-4):
     assert np.ptp(found) <= digits * abs(design.objective)
 
 
+def keeps_joints_closed(design: optimise.Design) -> bool:
+    """Return whether all joints of a design stay closed under the suite, also at impacts, where a force of
+    zero up to the tolerance of the search is closed."""
+    options = HOW.replace(outputs=("axial_force", "impact_friction"))
+    peaks = [rj.peak_response(design.podium, motion, options=options) for motion in SUITE]
+    least = min(float(np.min(np.asarray(peak.least_axial_force))) for peak in peaks)
+    share = min(float(np.min(np.asarray(peak.least_impulse_share))) for peak in peaks)
+    return least > -1e-4 and share >= 0
+
+
 def least_force(drawing: optimise.Dimensions) -> float:
     """Return the least axial force of all joints under the suite [m_c g]."""
     options = TIGHT.replace(outputs=("axial_force",))
@@ -142,6 +169,7 @@ def test_least_spacing_that_keeps_joints_closed():
         DRAWING, {"position_2": (3.0, 20.0)}, spacing, [CLOSED], starts=10, options=HOW, progress=False
     )
     starts_agree(design)
+    assert keeps_joints_closed(design)
     worst = lambda distance: least_force(DRAWING.replace(positions=(0.0, distance)))
     assert design.objective == pytest.approx(brentq(worst, 3.0, 20.0, xtol=1e-9), rel=1e-4)
 

@@ -1,0 +1,84 @@
+"""Answers of the joints in peaks: whether joints stay closed, and the rows of the text and of the HTML."""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import rockjax as rj
+from rockjax import _results as results
+from rockjax._responses.peak import MEAN_COLUMN_NOTE, OPEN_JOINT_NOTE, Peak
+
+
+def peak(has_elevation: bool = True, **values: Any) -> Peak:
+    """Return made-up peaks of one scene with answers of the joints."""
+    zero, flag = jnp.zeros(()), jnp.asarray(False)
+    names = "peak_rotation", "peak_rotation_time", "peak_deformation", "peak_shear"
+    others = dict.fromkeys(names, zero)
+    return Peak(
+        values=others | {name: jnp.asarray(y, float) for name, y in values.items()},
+        exceeded_alpha=flag, overturned=flag, overturn_time=zero, uplifted=flag, uplift_time=zero,
+        impacts=zero, smallest_impact_speed=zero, errors=None, result=results.result_of(jnp.asarray(0)),
+        stats=rj.Stats(jnp.asarray(1), jnp.asarray(0), zero), has_elevation=has_elevation,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("values", "is_closed"),
+    [
+        ({}, True),
+        ({"least_axial_force": (0.0, 0.1)}, True),
+        ({"least_axial_force": (0.1, -1e-9)}, False),
+        ({"least_axial_force": (np.nan, np.nan)}, False),
+        ({"least_impulse_share": (0.0, 1.0)}, True),
+        ({"least_impulse_share": (1.0, -0.1)}, False),
+        ({"peak_friction": (0.1, 9.0)}, True),
+        ({"peak_friction": (0.1, np.inf)}, False),
+        ({"peak_friction": (np.nan, 0.1)}, False),
+        # N = 0 with T ≠ 0 is closed, although the friction demand is infinite.
+        ({"least_axial_force": (0.1, 0.0), "peak_friction": (0.1, np.inf)}, True),
+        ({"least_axial_force": (0.1, 0.1), "least_impulse_share": (1.0, -0.1)}, False),
+    ],
+)
+def test_joints_are_closed_according_to_the_requested_answers(values, is_closed):
+    assert bool(peak(**values).joints_closed) is is_closed
+
+
+def test_a_batch_has_a_flag_for_each_scene():
+    batch = peak(least_axial_force=[[0.1, 0.2], [0.1, -0.2]])
+    assert np.array_equal(batch.joints_closed, [True, False])
+
+
+@pytest.mark.parametrize(
+    ("least", "has_elevation", "note"),
+    [(0.1, True, "closed"), (0.1, False, MEAN_COLUMN_NOTE), (-0.1, True, OPEN_JOINT_NOTE)],
+)
+def test_rows_of_joints(least, has_elevation, note):
+    given = peak(
+        has_elevation, peak_friction=(0.25, 0.125), least_axial_force=(2.0, least), peak_foundation_shear=0.5
+    )
+    lines = repr(given).splitlines()
+    for label, value in (
+        ("max |T|/N", "0.25, 0.125 (bottom, top)"),
+        ("min N/(m_c g)", f"2, {least:g} (bottom, top)"),
+        ("joints", note),
+    ):
+        assert f"  {label:<16} {value}" in lines
+        assert value in given._repr_html_()
+    assert any(line.endswith(" 0.5") for line in lines)
+
+
+def test_no_rows_without_answers_of_the_joints():
+    assert "joints" not in repr(peak())
+
+
+def test_scenes_know_whether_they_have_an_elevation():
+    """Forces of a scene without an elevation are those of the mean column."""
+    podium = rj.Podium(0.25, 1.2, 1.0)
+    with_columns = podium.replace(elevation=rj.Elevation([-1.0, 1.0]))
+    options, motion = rj.Options(outputs=("axial_force",)), rj.Ricker(0.1, 0.5)
+    found = [rj.peak_response(each, motion, options=options) for each in (podium, with_columns)]
+    assert [each.has_elevation for each in found] == [False, True]
+    assert MEAN_COLUMN_NOTE in repr(found[0])
+    assert "joints           closed\n" in repr(found[1])
