@@ -120,8 +120,9 @@ class AbstractOutput:
     def __eq__(self, other: object) -> bool:
         if self is other:
             return True
-        is_alike = isinstance(other, AbstractOutput) and type(self) is type(other)
-        return is_alike and _identity(self) == _identity(other)
+        if not isinstance(other, AbstractOutput) or type(self) is not type(other):
+            return False
+        return _identity(self) == _identity(other)
 
     def __hash__(self) -> int:
         return hash((type(self), _identity(self)))
