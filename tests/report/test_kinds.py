@@ -596,6 +596,21 @@ def test_drift_ratios_change_with_the_heights(tmp_path, monkeypatch, structure, 
     assert np.asarray(slopes) / value == pytest.approx(expected)
 
 
+@pytest.mark.parametrize("kind", ["least-axial-force", "peak-axial-force"])
+def test_derivatives_of_forces_of_a_column_that_carries_nothing(tmp_path, monkeypatch, kind):
+    """The top joint has no dead load. The dead load of the bottom joint is the weight of the column."""
+    file = FILE.replace("beam_mass = 60e3\n", "")
+    problem = read(tmp_path, f'[[checks]]\nkind = "{kind}"\nlimit = 0.5\n', file)
+    slopes = np.array([[0.1, -0.2, 0.0, 0.3], [0.0] * 4])
+    monkeypatch.setattr(
+        peaks, "scene_answers", lambda *_: {kind.replace("-", "_"): (np.array([0.9, 0.0]), slopes)}
+    )
+    (entry,) = problem.checks
+    value, found = KINDS[kind].slopes_function(entry, Scenes(problem, Store(), {}), 0)()
+    assert float(value) == pytest.approx(0.9)
+    assert np.asarray(found) == pytest.approx(slopes[0])
+
+
 def test_a_motion_without_acceleration_lifts_nothing(tmp_path):
     problem = read(tmp_path, '[[checks]]\nkind = "uplift-scale"\nlimit = 1.0\n', FILE.replace("2.5", "0.0"))
     (check,) = evaluate(problem, skip=("spread",)).checks

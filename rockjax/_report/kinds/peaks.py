@@ -113,8 +113,8 @@ class PeakKind(Kind):
 
         def value(podium: Podium, logs: Any) -> Value:
             all_values = self.conversion(problem, podium)(peaks + slopes @ logs)
-            all_values = all_values * jnp.exp(exponents @ logs)
-            return jnp.min(all_values) if self.is_minimum else jnp.max(all_values)
+            worst = jnp.min(all_values) if self.is_minimum else jnp.max(all_values)
+            return worst * jnp.exp(exponents @ logs)
 
         return slopes_of(problem, value, jit=True)
 
