@@ -271,13 +271,13 @@ class Scenes:
 
         - `name`: the set; `motion`: index of the motion in the set
         """
-        return self.store.get(*self._stored_history(name, motion))
+        return self.store.get(*self.stored_history(name, motion))
 
     def start_history(self, name: str, motion: int) -> None:
         """Start to compute a `history` in another thread."""
-        self.store.start(*self._stored_history(name, motion))
+        self.store.start(*self.stored_history(name, motion))
 
-    def _stored_history(self, name: str, motion: int) -> Stored:
+    def stored_history(self, name: str, motion: int) -> Stored:
         """Return the arguments of `Store.get` for a history."""
         from rockjax._responses.response import with_joints
         from rockjax._responses.simulate import simulate

@@ -16,11 +16,12 @@ import xarray
 import rockjax as rj
 from rockjax._cli._report import _without_folder
 from rockjax._files import write_dataset
+from rockjax._report.blocks import Equations
 from rockjax._problem.reading import load_table
 from rockjax._report.reading import problem_of
 from rockjax._report.sections.common import details
 from rockjax._report.store import Store
-from rockjax._report.tables import plain_cell
+from rockjax._report.tables import Quantity, plain_cell
 from rockjax._report.uplift import UpliftRatio
 
 from .browsing import MODES, assert_accessible, assert_shown, printed
@@ -182,6 +183,39 @@ def test_derivatives_are_those_of_differences(report, checks):
     for name, slope in checks["C1"].sensitivities.items():
         difference = (rotation(name, 1 + h) - rotation(name, 1 - h)) / (2 * h)
         assert slope == pytest.approx(difference, rel=1e-6, abs=1e-6), name
+
+
+def equations_of(report, number):
+    """Return the rows of all equations of a section."""
+    blocks = report.page.sections[number - 1].blocks
+    return [row for block in blocks if isinstance(block, Equations) for row in block.rows]
+
+
+def test_instants_of_governing_forces(report):
+    """The table of section 5 names the column and the time of each force. At this time, a history of the
+    package has the force, and the terms of (F3) and (F8) add up to it."""
+    problem = report.evaluation.problem
+    podium, mass = problem.podium, problem.column_mass
+    weight = mass * float(podium.g)
+    rows = {str(row[0].text): row for row in report.tables["governing-forces-pulses"].rows}
+    expected = (("Least axial force N, top joint", 1, min), ("Largest axial force N, bottom joint", 0, max))
+    for name, joint, worst in expected:
+        _, force, motion, column, time = rows[name]
+        index = problem.motions["pulses"].names.index(motion.text)
+        response = rj.simulate(podium, problem.motions["pulses"].members[index])
+        axial = np.asarray(response.joint_forces(time.value).axial)[:, joint] * weight
+        position = column.text[1].value
+        assert position == [-4.0, 0.0, 4.0][list(axial).index(worst(axial))]
+        assert worst(axial) == pytest.approx(force.value, rel=1e-3)
+    (force,) = (row for row in equations_of(report, 5) if row.label == "F8")
+    least = rows["Least axial force N, top joint"]
+    assert force.result.value == pytest.approx(least[1].value, rel=1e-3)
+    numbers = [part.value for part in force.numbers if isinstance(part, Quantity)]
+    signs = [1 if part == " + " else -1 for part in force.numbers if part in (" + ", " − ")]
+    mean_force, x, radius, moment, lever, _ = numbers
+    total = mean_force + signs[0] * x / radius**2 * (moment + signs[1] * lever * mean_force)
+    assert total == pytest.approx(force.result.value, rel=1e-12)
+    assert radius**2 == pytest.approx(32 / 3)
 
 
 def test_steep_derivatives_of_means_are_not_shown(report):

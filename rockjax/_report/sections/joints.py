@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rockjax._outputs.base import JOINT_NAMES
-from rockjax._report.blocks import Equation, Equations, Figure, Paragraph, Section
+from rockjax._report.blocks import Figure, Paragraph, Section
 from rockjax._report.cells import peak_cell, slug
 from rockjax._report.pictures import to_svg
-from rockjax._report.tables import Code, Column, Formula, Table, Text, TextCell
+from rockjax._report.tables import Cell, Code, Column, Quantity, Table, Text, TextCell
 from rockjax._report.units import Units
 
 from .common import (
@@ -21,11 +22,14 @@ from .common import (
     sets_with_scenes,
     stored_figure,
 )
+from .force_equations import Extreme, contact_area, equations, in_weights, total_weight
+from .instants import column_text, extremes_of, instants_of, known_instants
 
 if TYPE_CHECKING:
     import xarray
 
     from rockjax._report.evaluation import Evaluation
+    from rockjax._report.problem import Problem
 
 # Output → heading in the table. The outputs of axial forces are divided by m_c g, the weight of a column. The
 # table divides them by the dead load instead.
@@ -52,20 +56,14 @@ def section(evaluation: Evaluation, units: Units) -> Section:
                 " in [structure], or the table [structure.elevation].",
             )
         return Section(5, "Joint forces", (Paragraph(reason),))
-    equations = Equations(
-        tuple(
-            Equation(Formula(name), label=label)
-            for name, label in (
-                ("axial_force_mean", "F3"),
-                ("axial_force", "F8"),
-                ("friction", "F9"),
-                ("foundation_shear", "F5"),
-                ("impulse_ratio", "F12"),
-            )
-        )
-    )
-    blocks: list[Any] = [equations, *(_table(evaluation, name) for name in names)]
-    if with_shear:
+    extremes = {name: _extremes(evaluation, name) for name in names}
+    extremes = {name: rows for name, rows in extremes.items() if rows}
+    blocks: list[Any] = [*equations(evaluation, [y for rows in extremes.values() for y in rows])]
+    for name in names:
+        if name in extremes:
+            blocks.append(_governing(evaluation, name, extremes[name]))
+        blocks.append(_table(evaluation, name))
+    if set(with_shear) - extremes.keys():
         blocks.append(_shears(evaluation, with_shear))
     scene = governing_scene(evaluation.scenes, sets_with_scenes(evaluation))
     if scene is not None and scene[0] in names and "least_axial_force" in sets[scene[0]]:
@@ -73,6 +71,76 @@ def section(evaluation: Evaluation, units: Units) -> Section:
         if figure is not None:
             blocks.append(figure)
     return Section(5, "Joint forces", tuple(blocks))
+
+
+def _extremes(evaluation: Evaluation, name: str) -> list[Extreme]:
+    """Return the least and the largest forces and friction demands of a set, among the scenes that
+    survive."""
+    data, found = evaluation.scenes.peaks(name), []
+    for output, joint, k in extremes_of(data):
+        is_located = output != "peak_foundation_shear" and evaluation.problem.podium.elevation is not None
+        find = instants_of if is_located else known_instants
+        instants = find(evaluation.scenes, name, k)
+        value = float(np.ravel(data[output].values[k])[max(joint, 0)])
+        motion = evaluation.problem.motions[name].names[k]
+        found.append(Extreme(output, joint, value, name, motion, instants.get((output, joint))))
+    return found
+
+
+_FORCE_NAMES = {
+    "least_axial_force": "Least axial force N",
+    "peak_axial_force": "Largest axial force N",
+    "peak_friction": "Largest friction demand |T|/N",
+    "peak_foundation_shear": "Largest foundation shear |V|",
+}
+
+
+def _governing(evaluation: Evaluation, name: str, extremes: list[Extreme]) -> Table:
+    """Return the table of the extreme forces of a set, with the column and the time of each."""
+    problem, rows = evaluation.problem, []
+    dead_load = np.asarray(problem.podium.dead_load, float)
+    for y in extremes:
+        where, note, cell = "foundation", "", None
+        if y.joint >= 0:
+            where = f"{JOINT_NAMES[y.joint]} joint"
+        if "axial" in y.output:
+            share = Quantity(y.value / dead_load[y.joint], "number")
+            cell = TextCell((share, " of the dead load"))
+            if problem.column_mass is not None:
+                cell = dataclasses.replace(in_weights(problem, y.value), note=(share, " of the dead load"))
+        elif y.output == "peak_foundation_shear":
+            cell = Quantity(y.value, "number", note="of the total weight")
+            if problem.column_mass is not None:
+                note = Quantity(y.value, "number"), " of the total weight"
+                cell = dataclasses.replace(in_weights(problem, y.value * total_weight(problem)), note=note)
+        elif not np.isfinite(y.value):
+            cell = TextCell("joint opens", "joint opens")
+        else:
+            cell = Quantity(y.value, "number")
+        column: Text = "not located" if y.instant is None else column_text(problem, y.instant)
+        time = TextCell("not located", "none") if y.instant is None else Quantity(y.instant.time, "time")
+        rows.append(
+            (TextCell(f"{_FORCE_NAMES[y.output]}, {where}"), cell, TextCell(y.motion), TextCell(column), time)
+        )
+    rows += _pressure_rows(problem, extremes)
+    columns = Column("Quantity"), Column("Value"), Column("Motion"), Column("Column"), Column("Time", "time")
+    note = omitted_scenes(evaluation.scenes.peaks(name))
+    caption = f"Governing forces, set {name}" + (f" ({note})" if note else "")
+    return Table(f"governing-forces-{slug(name)}", caption, columns, tuple(rows))
+
+
+def _pressure_rows(problem: Problem, extremes: list[Extreme]) -> list[tuple[Cell, ...]]:
+    """Return the row of the largest contact pressure in the form of `_governing`; none without the inputs."""
+    largest = [y for y in extremes if y.output == "peak_axial_force"]
+    area = contact_area(problem)
+    if not largest or area is None:
+        return []
+    y = max(largest, key=lambda extreme: extreme.value)
+    pressure = in_weights(problem, y.value).value / area
+    column: Text = "not located" if y.instant is None else column_text(problem, y.instant)
+    time = TextCell("not located", "none") if y.instant is None else Quantity(y.instant.time, "time")
+    name = f"Largest contact pressure, {JOINT_NAMES[y.joint]} joint"
+    return [(TextCell(name), Quantity(pressure, "stress"), TextCell(y.motion), TextCell(column), time)]
 
 
 def _table(evaluation: Evaluation, name: str) -> Table:

@@ -16,6 +16,7 @@ from rockjax._report.scales import least_factors
 from rockjax._report.tables import Column, Quantity, Table, TextCell
 from rockjax._report.units import Units
 
+from . import instants
 from .common import details, governing_motion, governing_scene, sets_with_scenes, stored_figure
 
 if TYPE_CHECKING:
@@ -44,13 +45,15 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 
 
 def start(scenes: Scenes, names: Iterable[str]) -> None:
-    """Start to compute the history of the governing scene in another thread.
+    """Start to compute the history of the governing scene, and the instants of governing values, in other
+    threads.
 
     - `scenes`: the scenes of the problem; `names`: names of the sets of motions on the page
     """
     scene = governing_scene(scenes, names)
     if scene is not None:
         scenes.start_history(*scene)
+    instants.start(scenes, names)
 
 
 def _table(evaluation: Evaluation, name: str) -> Table:
