@@ -57,8 +57,8 @@ def to_svg(figure: Figure, prefix: str, title: str, description: str) -> str:
     - `title`: short title; `description`: text for readers who cannot see the figure
 
     Texts are not converted to outlines. Black becomes the text colour of the page, a grey becomes this colour
-    with an opacity, and a colour in `VARIABLES` becomes a variable of page.css. Equal figures give equal
-    strings. Raises `ValueError` for an invalid prefix.
+    with an opacity, and a colour in `VARIABLES` becomes a variable of page.css. Other colours are lighter in
+    the dark theme. Equal figures give equal strings. Raises `ValueError` for an invalid prefix.
     """
     import matplotlib.pyplot as plt
 
@@ -93,13 +93,15 @@ def to_svg(figure: Figure, prefix: str, title: str, description: str) -> str:
 
 def _apply_theme(match: re.Match[str]) -> str:
     """Replace a colour in `VARIABLES` by its variable, and a grey by the text colour of the page with an
-    opacity."""
+    opacity. In the dark theme, any other colour is mixed with the text colour (`--own` of page.css)."""
     name, colour, opacity = match[1], match[2], float(match[3] or 1)
     red, green, blue = colour[1:3], colour[3:5], colour[5:]
     if colour in VARIABLES:
         colour = f"var({VARIABLES[colour]})"
     elif red == green == blue:
         colour, opacity = "currentColor", round(opacity * (1 - int(red, 16) / 255), 3)
+    else:
+        colour = f"color-mix(in srgb, {colour} var(--own), currentColor)"
     return f"{name}: {colour}" + (f"; {name}-opacity: {opacity:g}" if opacity != 1 else "")
 
 

@@ -23,6 +23,7 @@ def line():
     ax.plot([0, 1], [0, 1], color="#D55E00", label=r"$\theta/\alpha$")
     ax.plot([0, 1], [1, 0], color="#000000")
     ax.plot([0, 1], [0.5, 0.5], color="0.6")
+    ax.plot([0, 1], [0.2, 0.2], color="#440154")
     ax.set_xlabel("time <s>")
     ax.legend()
     return figure
@@ -64,6 +65,7 @@ def test_a_figure_becomes_a_part_of_a_page():
     assert not re.search(r"<style|<metadata|<!--|<\?xml|xlink|#d55e00|#000000|#999999", svg)
     assert {"var(--c-red)", "currentColor"} <= set(re.findall(r"stroke: ([^;\"]*)", svg))
     assert "stroke: currentColor; stroke-opacity: 0.4" in svg  # grey 0.6
+    assert "stroke: color-mix(in srgb, #440154 var(--own), currentColor)" in svg
     assert not plt.get_fignums()
 
 

@@ -16,8 +16,8 @@ import xarray
 import rockjax as rj
 from rockjax._cli._report import _without_folder
 from rockjax._files import write_dataset
-from rockjax._report.blocks import Equations
 from rockjax._problem.reading import load_table
+from rockjax._report.blocks import Equations
 from rockjax._report.reading import problem_of
 from rockjax._report.sections.common import details
 from rockjax._report.store import Store
@@ -189,6 +189,50 @@ def equations_of(report, number):
     """Return the rows of all equations of a section."""
     blocks = report.page.sections[number - 1].blocks
     return [row for block in blocks if isinstance(block, Equations) for row in block.rows]
+
+
+def inserted(text):
+    """Return the value of numbers that are inserted in an equation, without words and units."""
+    parts = [f"({part.value!r})" if isinstance(part, Quantity) else part for part in text]
+    plain = re.sub(r"\((?:law|prestress).*$", "", "".join(parts))
+    plain = re.sub(r"√(\((?:[^()]|\([^()]*\))*\))", r"sqrt\1", plain)
+    for mark, code in (("²", "**2"), ("·", "*"), ("−", "-"), ("[", "("), ("]", ")")):
+        plain = plain.replace(mark, code)
+    return eval(plain, {"sqrt": math.sqrt})
+
+
+def test_equations_of_the_structure(report):
+    """Results of the equations of section 2 are those of the package, and follow from the inserted
+    numbers."""
+    podium = report.evaluation.problem.podium
+    rows = {row.formula.name: row for row in equations_of(report, 2)}
+    weight = 2700 * float(podium.g)
+    peak = report.evaluation.scenes.peaks("pulses")["peak_rotation"].values.max() * float(podium.alpha)
+    alpha, compatible = float(podium.alpha), podium.replace(restitution="compatible")
+    expected = {
+        "slenderness": 0.2,
+        "half_diagonal": podium.R,
+        "frequency_parameter": podium.p,
+        "beam_mass_ratio": podium.gamma,
+        "restitution_paper": podium.restitution_factor,
+        "restitution_compatible": compatible.restitution_factor,
+        "uplift_acceleration": podium.uplift_ground_acceleration,
+        "beam_displacement": 2 * podium.R * (np.sin(alpha) - np.sin(alpha - peak)),
+        "dead_load": podium.gamma * weight,
+        "dead_load_bottom": (podium.gamma + 1) * weight,
+        "core_distance": podium.core_distance,
+    }
+    for name, value in expected.items():
+        assert rows[name].result.value == pytest.approx(float(value), rel=1e-12), name
+        assert inserted(rows[name].numbers) == pytest.approx(float(value), rel=2e-3), name
+    assert rows["mean_height"].result.value == pytest.approx(0.25)  # half the depth of the beam
+    assert rows["half_diagonal"].label == "1"
+
+
+def test_inputs_of_the_structure_include_the_law_of_impact(report):
+    rows = {row[1].text[0].text: row for row in report.tables["inputs"].rows}
+    assert rows["structure.restitution"][2].text == "paper"
+    assert rows["joints.friction"][2].value == 0.5
 
 
 def test_instants_of_governing_forces(report):

@@ -12,9 +12,11 @@ from rockjax._report.blocks import Paragraph, Section
 from rockjax._report.tables import Column, Quantity, Table, TextCell
 from rockjax._report.units import Units, kind_of_unit
 
-from .common import sets_with_scenes
+from .common import governing_scene, sets_with_scenes
 
 if TYPE_CHECKING:
+    import xarray
+
     from rockjax._report.evaluation import Evaluation
 
 
@@ -72,6 +74,44 @@ def section(evaluation: Evaluation, units: Units) -> Section:
         kinds = [None, *["count"] * 5]
         count_columns = tuple(Column(y, kind) for y, kind in zip(headings, kinds, strict=True))
         blocks.append(Table("scenes", "Scenes of each set", count_columns, tuple(counts)))
+    balance = _energy_balance(evaluation)
+    if balance is not None:
+        blocks.append(balance)
     if rows:
         blocks.append(Table("errors", "Largest estimated errors", columns, tuple(rows)))
     return Section(11, "Numerical accuracy", tuple(blocks))
+
+
+def _energy_balance(evaluation: Evaluation) -> Paragraph | None:
+    """Return a sentence on the end and the energy balance of the history that the page draws, that of the
+    governing scene; None if there is no such scene."""
+    scene = governing_scene(evaluation.scenes, sets_with_scenes(evaluation))
+    if scene is None:
+        return None
+    name, k = scene
+    data = evaluation.scenes.history(name, k)
+    label = evaluation.problem.motions[name].names[k]
+    left, largest = open_energy(data)
+    share = float(f"{left / largest if largest else 0.0:.1e}")
+    text = (
+        f"The history under {label} of the set {name} ends at t_end = ",
+        Quantity(float(data["time"].values[-1]), "time"),
+        f" ({results.NAMES[int(data['result'])].replace('_', ' ')}). Its energy balance is open by at most ",
+        Quantity(share, "number", is_input=True),
+        " of the largest input energy.",
+    )
+    return Paragraph(text)
+
+
+def open_energy(data: xarray.Dataset) -> tuple[float, float]:
+    """Return the largest absolute error of the energy balance in a history, and the largest input energy,
+    both divided by N m_c [m²/s²].
+
+    `data`: dataset of a history. The energy at the start plus the input equals the mechanical energy plus the
+    losses.
+    """
+    losses = [y for y in ("impact_energy", "damping_energy", "damper_energy") if y in data]
+    left = data["initial_energy"].values + data["input_energy"].values - data["mechanical_energy"].values
+    for name in losses:
+        left = left - data[name].values
+    return float(np.nanmax(np.abs(left))), float(np.nanmax(np.abs(data["input_energy"].values)))

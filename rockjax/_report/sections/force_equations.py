@@ -11,6 +11,7 @@ from rockjax._report.blocks import Equation, Equations, Paragraph
 from rockjax._report.tables import Formula, Quantity, Text, TextCell
 
 from .instants import Instant, column_text
+from .structure import derived_numbers
 
 if TYPE_CHECKING:
     from rockjax._report.evaluation import Evaluation
@@ -81,7 +82,7 @@ def equations(evaluation: Evaluation, extremes: list[Extreme]) -> list[Paragraph
         _axial_force(problem, least),
         _friction(problem, friction),
         _foundation_shear(problem, shear),
-        _impulses(problem),
+        _impulses(evaluation),
     ]
     area = contact_area(problem)
     if area is not None and largest is not None:
@@ -179,15 +180,17 @@ def _foundation_shear(problem: Problem, shear: Extreme | None) -> Equation:
     return Equation(formula, (share, " · ", weight, " (total weight)"), force, "F5")
 
 
-def _impulses(problem: Problem) -> Equation:
-    """Return (F12). Structures with devices, whose inertances may change the impulses, have no numbers."""
-    formula, podium = Formula("impulse_ratio"), problem.podium
-    if podium.restrainers:
+def _impulses(evaluation: Evaluation) -> Equation:
+    """Return (F12) at the bottom joint. Inertances change the impulses; then the numbers are left out."""
+    formula, podium = Formula("impulse_ratio"), evaluation.problem.podium
+    numbers = derived_numbers(evaluation)
+    if "impact_friction" not in numbers:
         return Equation(formula, label="F12")
-    e, tan = float(podium.restitution_factor), float(np.tan(float(podium.alpha)))
-    gamma, eta = float(podium.gamma), float(podium.eta)
+    exact = float(numbers["impact_friction"].values[BOTTOM])
+    e, tan = float(numbers["restitution"]), float(np.tan(float(podium.alpha)))
+    gamma, eta = (float(y) for y in numbers["mass_ratios"].values)
     value = abs(1 - e) / ((1 + e) * tan) * (gamma + 0.5) / (gamma + eta + 0.5)
-    numbers = (
+    text = (
         f"(1 − {e:.4g}) / ((1 + {e:.4g}) · {tan:.4g}) · ({gamma:.4g} + 0.5) / ({gamma:.4g} + {eta:.4g} + 0.5)"
     )
-    return Equation(formula, numbers, Quantity(value, "number"), "F12")
+    return Equation(formula, text if np.isclose(value, exact) else "", Quantity(exact, "number"), "F12")

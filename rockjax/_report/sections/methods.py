@@ -9,14 +9,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rockjax import _results as outcomes
 from rockjax._motions.motion import Motion
 from rockjax._practice.base import MethodResult
+from rockjax._practice.base import Quantity as Number
 from rockjax._practice.methods import simplified_methods
 from rockjax._practice.registry import METHODS
-from rockjax._report.blocks import Paragraph, Section
+from rockjax._report.blocks import Equation, Equations, Paragraph, Section
 from rockjax._report.cells import number_cell, peak_cell, slug
+from rockjax._report.kinds import KINDS
+from rockjax._report.kinds.peaks import deck_displacement
+from rockjax._report.scales import least_factors
 from rockjax._report.store import Store, fingerprint
-from rockjax._report.tables import Column, Quantity, Table, TextCell
+from rockjax._report.tables import Column, Formula, Quantity, Table, TextCell
 from rockjax._report.units import Units, kind_of_unit
 
 from .common import sets_with_scenes
@@ -26,6 +31,18 @@ if TYPE_CHECKING:
     from rockjax._report.evaluation import Evaluation
     from rockjax._report.problem import Problem
 
+# Method → names of its formulas.
+FORMULAS = {
+    "static": ("static",),
+    "spectral_uplift": ("spectral_uplift",),
+    "priestley": ("priestley",),
+    "fema_356": ("fema",),
+    "asce_43_05_rocking": ("asce", "asce_damping"),
+    "asce_43_05_sliding": ("asce_sliding",),
+    "circolare_displacement": ("circolare", "circolare_displacement"),
+    "circolare_force": ("circolare_simplified",),
+}
+_KINDS = {"rad/s": "angular frequency", "Hz": "frequency"}  # units of numbers that outputs do not have
 TITLE = "Simplified methods beside the exact answer"
 
 
@@ -38,13 +55,71 @@ def section(evaluation: Evaluation, units: Units) -> Section:
     blocks: list[Any] = [
         Paragraph("For comparison only: no check rests on these methods.", is_note=True),
     ]
-    for name in sets_with_scenes(evaluation):
-        if not _has_records(problem, name):
-            continue
-        blocks += _tables(evaluation, name, _results(problem, evaluation.scenes.store, name))
-    if len(blocks) == 1:
+    results = {
+        name: _results(problem, evaluation.scenes.store, name)
+        for name in sets_with_scenes(evaluation)
+        if _has_records(problem, name)
+    }
+    if results:
+        blocks += _formulas(next(iter(results.values())))
+    for name, of_set in results.items():
+        blocks += _tables(evaluation, name, of_set)
+    if not results:
         blocks.append(Paragraph("The methods need records; no check uses a set of records."))
     return Section(9, TITLE, tuple(blocks))
+
+
+def _formulas(results: list[MethodResult]) -> list[Equations | Table]:
+    """Return the formulas of the methods, and the table of the numbers in them that belong to the structure.
+
+    `results`: the results for any set of motions
+    """
+    rows = [Equation(Formula("equivalent_radius"))]
+    numbers = []
+    for result in results:
+        for formula in FORMULAS[result.name]:
+            rows.append(Equation(Formula(formula), label=result.equation.strip("()")))
+        for number in result.values.values():
+            if np.size(number.value) == 1 and number.value is not None and np.isfinite(number.value):
+                kind = _KINDS.get(number.unit) or kind_of_unit(number.unit)
+                title = TextCell(f"{result.title} {result.equation}")
+                numbers.append((title, TextCell(number.meaning), Quantity(float(number.value), kind)))
+    columns = Column("Method"), Column("Number"), Column("Value")
+    caption = "Numbers of the methods for this structure"
+    tables = [Table("method-numbers", caption, columns, tuple(numbers))] if numbers else []
+    return [Equations(tuple(rows)), *tables]
+
+
+def _exact(evaluation: Evaluation, name: str, method: str) -> TextCell | Quantity:
+    """Return the exact answer of the same structure and motions, of which a method is an approximation.
+
+    - `evaluation`: the evaluation; `name`: name of the set of motions; `method`: name of the method
+    """
+    data, names = evaluation.scenes.peaks(name), evaluation.problem.motions[name].names
+    count, rotation = len(names), data["peak_rotation"].values
+    overturned = data["overturned"].values.astype(bool)
+    if outcomes.did_not_finish(data["result"].values).any():
+        return TextCell("unknown: scenes did not finish", "unanswered")
+    if method in ("static", "spectral_uplift"):
+        lifted = int(data["uplifted"].values.sum())
+        note: Any = f"{lifted} of {count} motions lift the columns"
+        if not any(y.kind is KINDS["uplift-scale"] and y.motions == name for y in evaluation.checks):
+            return TextCell(note)
+        accelerations = least_factors(evaluation.scenes, name, "uplift")["factor"].values * [
+            member.pga for member in evaluation.problem.motions[name].members
+        ]
+        k = int(np.argmin(accelerations))
+        return Quantity(accelerations[k], "acceleration", note=f"least PGA that lifts, {names[k]}; {note}")
+    if method == "asce_43_05_sliding":
+        return TextCell("not in the model", "none")
+    if overturned.any():
+        return TextCell(f"{int(overturned.sum())} of {count} motions overturn the columns", "overturned")
+    if method == "circolare_displacement":
+        podium = evaluation.problem.podium
+        displacements = [float(deck_displacement(podium, y)) for y in rotation]
+        return Quantity(float(np.mean(displacements)), "displacement", note="mean u_b, none overturns")
+    k = int(np.argmax(rotation))
+    return Quantity(rotation[k], "number", note=f"largest max|θ|/α, {names[k]}; none overturns")
 
 
 def start(problem: Problem, store: Store, made: list[Entry]) -> None:
@@ -71,7 +146,7 @@ def _stored_results(problem: Problem, store: Store, name: str) -> tuple[str, str
             (result,) = simplified_methods(
                 problem.podium, list(motions.members), friction=friction, methods=(method,)
             )
-            entries.append(dataclasses.asdict(result) | {"values": {}})
+            entries.append(dataclasses.asdict(result))
         return json.dumps(entries, default=np.ndarray.tolist)
 
     inputs_hash = fingerprint(problem.podium, motions.identities, motions.names, friction)
@@ -84,6 +159,7 @@ def _results(problem: Problem, store: Store, name: str) -> list[MethodResult]:
     for entry in entries:
         for key in ("demand", "rotation_ratio"):
             entry[key] = None if entry[key] is None else np.array(entry[key])
+        entry["values"] = {key: Number(*number) for key, number in entry["values"].items()}
     return [MethodResult(**entry) for entry in entries]
 
 
@@ -97,6 +173,7 @@ def _tables(evaluation: Evaluation, name: str, results: Any) -> list[Table]:
         Column("Capacity"),
         Column("U", "utilisation"),
         Column("Verdict"),
+        Column("Exact answer"),
         Column("Reliability"),
     )
     not_computed = TextCell("not computed", "not made")
@@ -120,6 +197,7 @@ def _tables(evaluation: Evaluation, name: str, results: Any) -> list[Table]:
                 if has_values
                 else not_computed,
                 verdict[result.passes],
+                _exact(evaluation, name, result.name),
                 TextCell(result.reliability, note=missing),
             )
         )

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import functools
+import warnings
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rockjax._motions.accelerogram import warn_if_implausible
 from rockjax._motions.intensity import spectral_acceleration
 from rockjax._motions.motion import Motion
 from rockjax._report.blocks import Figure, Paragraph, Section
 from rockjax._report.cells import number_cell, slug
 from rockjax._report.pictures import to_svg
-from rockjax._report.tables import Code, Column, Quantity, Table, TextCell
+from rockjax._report.tables import Cell, Code, Column, Quantity, Table, TextCell
 from rockjax._report.units import Units
 from rockjax._structures import g_tan_alpha
 
@@ -40,6 +42,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
             blocks.append(stored_figure(evaluation, f"spectra-{slug(name)}", inputs, draw))
     for name in used:
         blocks.append(_table(evaluation, problem.motions[name], period))
+        blocks.append(_hashes(problem.motions[name]))
     unused = unused_sets(evaluation)
     if unused:
         blocks.append(Paragraph(("No check uses the sets ", Code(", ".join(unused)), "."), is_note=True))
@@ -75,53 +78,100 @@ def _table(evaluation: Evaluation, motions: MotionSet, period: float | None) -> 
         Column("PGD", "displacement"),
         Column("S_a(T_1)", "acceleration"),
         Column("PGA / uplift acceleration" if has_prestress else "PGA / (g tan α)", "number"),
-        Column("SHA-256"),
+        Column("Vertical PGA", "acceleration"),
+        Column("Corrections and warnings"),
     )
-    rows = []
-    for name, member, sha in zip(motions.names, motions.members, motions.hashes, strict=True):
-        if isinstance(member, Motion):
-            metadata = member.metadata
-            source = str(member.source) if member.source is not None else "synthetic"
-            if "seed" in metadata:
-                source += f", seed {metadata['seed']}"
-            if metadata.get("scale") not in (None, 1, 1.0):
-                source += f", scale {float(metadata['scale']):.6g}"
-            spectral: Any = TextCell("rigid", "none")
-            if period is not None:
-                spectral = Quantity(spectral_acceleration(member, period, DAMPING), "acceleration")
-            rows.append(
-                (
-                    TextCell(name),
-                    TextCell(source.rpartition("/")[2]),
-                    TextCell(f"{len(member)} every {member.dt:g} s"),
-                    number_cell(member.pga, "acceleration"),
-                    number_cell(member.pgv, "velocity"),
-                    number_cell(member.pgd, "displacement"),
-                    spectral,
-                    number_cell(member.pga / threshold, "number"),
-                    TextCell(sha[:16]),
-                )
-            )
-        else:
-            no_value = TextCell("not computed", "none")
-            amplitude = float(getattr(getattr(member, "horizontal", member), "a_p", np.nan))
-            rows.append(
-                (
-                    TextCell(name),
-                    TextCell("problem file"),
-                    TextCell("pulse"),
-                    number_cell(amplitude, "acceleration", text="none"),
-                    no_value,
-                    no_value,
-                    no_value,
-                    number_cell(amplitude / threshold, "number"),
-                    TextCell(sha[:16]),
-                )
-            )
+    rows = [
+        (TextCell(name), *_cells(member, threshold, period))
+        for name, member in zip(motions.names, motions.members, strict=True)
+    ]
     label = f", {motions.label}" if motions.label != motions.name else ""
-    return Table(
-        f"motions-{slug(motions.name)}", f"Motions of the set {motions.name}{label}", columns, tuple(rows)
+    source = evaluation.problem.sources.get(f"motions.{motions.name}", "no source given")
+    caption = f"Motions of the set {motions.name}{label}; source: {source}"
+    return Table(f"motions-{slug(motions.name)}", caption, columns, tuple(rows))
+
+
+def _cells(member: Any, threshold: float, period: float | None) -> tuple[Cell, ...]:
+    """Return the cells of a motion in the table of its set, without its name.
+
+    - `member`: record or pulse; `threshold`: least ground acceleration that lifts the columns [m/s²]
+    - `period`: first period of the building [s], or None
+    """
+    vertical = getattr(member, "vertical", None)
+    vertical_cell: Cell = TextCell("no vertical", "none")
+    if not isinstance(member, Motion):
+        no_value = TextCell("not computed", "none")
+        amplitude = float(getattr(getattr(member, "horizontal", member), "a_p", np.nan))
+        if vertical is not None:
+            largest = float(getattr(vertical, "a_p", np.nan))
+            vertical_cell = number_cell(largest, "acceleration", text="not computed")
+        return (
+            TextCell("problem file"),
+            TextCell("pulse"),
+            number_cell(amplitude, "acceleration", text="none"),
+            *[no_value] * 3,
+            number_cell(amplitude / threshold, "number"),
+            vertical_cell,
+            TextCell("none", "none"),
+        )
+    source = str(member.source) if member.source is not None else "synthetic"
+    if "seed" in member.metadata:
+        source += f", seed {member.metadata['seed']}"
+    if member.metadata.get("scale") not in (None, 1, 1.0):
+        source += f", scale {float(member.metadata['scale']):.6g}"
+    spectral: Cell = TextCell("rigid", "none")
+    if period is not None:
+        spectral = Quantity(spectral_acceleration(member, period, DAMPING), "acceleration")
+    if vertical is not None:
+        vertical_cell = number_cell(vertical.pga, "acceleration")
+    return (
+        TextCell(source.rpartition("/")[2]),
+        TextCell(f"{len(member)} every {member.dt:g} s"),
+        number_cell(member.pga, "acceleration"),
+        number_cell(member.pgv, "velocity"),
+        number_cell(member.pgd, "displacement"),
+        spectral,
+        number_cell(member.pga / threshold, "number"),
+        vertical_cell,
+        _corrections(member),
     )
+
+
+def _corrections(member: Motion) -> TextCell:
+    """Return a cell with the corrections that the header of a record names, and the warnings about it."""
+    metadata = member.metadata
+    texts = [str(metadata["processing"])] if metadata.get("processing") else []
+    texts += [
+        f"{words} {float(metadata[key]):g} Hz"
+        for key, words in (("high_pass_Hz", "high pass"), ("low_pass_Hz", "low pass"))
+        if key in metadata
+    ]
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        warn_if_implausible(member, "warning", 1)
+        if member.vertical is not None:
+            warn_if_implausible(member.vertical, "warning, vertical component", 1)
+    texts += [str(y.message) for y in caught]
+    return (
+        TextCell("; ".join(texts), "undecided" if caught else "text") if texts else TextCell("none", "none")
+    )
+
+
+def _hashes(motions: MotionSet) -> Table:
+    """Return the table of the hashes of a set: of the samples of records, as little-endian 64-bit numbers, or
+    of the parameters of pulses."""
+    columns = [Column("Motion"), Column("SHA-256")]
+    if any("+" in sha for sha in motions.hashes):
+        columns.append(Column("SHA-256 of the vertical component"))
+    rows = []
+    for name, sha in zip(motions.names, motions.hashes, strict=True):
+        first, _, second = sha.partition("+")
+        last = TextCell((Code(second),)) if second else TextCell("no vertical", "none")
+        rows.append((TextCell(name), TextCell((Code(first),)), last)[: len(columns)])
+    are_records = all(isinstance(member, Motion) for member in motions.members)
+    hashed = "samples (little-endian float64)" if are_records else "parameters"
+    caption = f"SHA-256 of the {hashed} of the set {motions.name}"
+    return Table(f"hashes-{slug(motions.name)}", caption, tuple(columns), tuple(rows))
 
 
 def _draw_spectra(motions: MotionSet, period: float | None, units: Units) -> Figure:

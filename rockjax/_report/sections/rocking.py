@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 WINDOW_COLUMNS = {  # variable of `least_factors` → heading
     "factor": "Least factor that overturns",
+    "width": "Width of the window",
     "survives_from": "Survives again from",
     "overturns_again_from": "Overturns again from",
 }
@@ -65,6 +67,7 @@ def _table(evaluation: Evaluation, name: str) -> Table:
         Column("Motion"),
         Column("First uplift", "time"),
         Column("max|θ|/α", "number"),
+        Column("max|θ|", "angle"),
         Column("Time of the peak", "time"),
         Column("u_b at max|θ|", "displacement"),
         Column("Impacts", "count"),
@@ -75,17 +78,18 @@ def _table(evaluation: Evaluation, name: str) -> Table:
     )
     windows = least_factors(scenes, name, "overturning") if is_requested else None
     if windows is not None:
-        columns += [Column(head, "number") for head in WINDOW_COLUMNS.values()]
+        columns += [Column(head, "ratio" if y == "width" else "number") for y, head in WINDOW_COLUMNS.items()]
+    else:
+        columns.append(Column(WINDOW_COLUMNS["factor"]))
     rows = []
     for k, label in enumerate(motions.names):
         unanswered = unanswered_cell(data["result"].values[k])
-        answers = _answers(evaluation, data, k) if unanswered is None else [unanswered] * 6
+        answers = _answers(evaluation, data, k) if unanswered is None else [unanswered] * 7
         row: list[Any] = [TextCell(label), *answers]
         if windows is not None:
-            factor = float(windows["factor"][k])
-            text = f"none up to {float(windows['window_end'][k]):.3g}" if np.isfinite(factor) else "none"
-            row.append(number_cell(factor, "number", text=f"none up to {float(windows['end'][k]):.3g}"))
-            row += [number_cell(float(windows[y][k]), "number", text=text) for y in list(WINDOW_COLUMNS)[1:]]
+            row += _window_cells(windows, k)
+        else:
+            row.append(TextCell("not asked", "not asked"))
         rows.append(tuple(row))
     governing = governing_motion(data, "peak_rotation")
     return Table(
@@ -97,17 +101,40 @@ def _table(evaluation: Evaluation, name: str) -> Table:
     )
 
 
+def _window_cells(windows: xarray.Dataset, k: int) -> list[Quantity | TextCell]:
+    """Return the cells of the columns `WINDOW_COLUMNS` for a motion.
+
+    - `windows`: result of `least_factors`; `k`: index of the motion
+    """
+    factor, survives = (float(windows[y][k]) for y in ("factor", "survives_from"))
+    text = f"none up to {float(windows['window_end'][k]):.3g}" if np.isfinite(factor) else "none"
+    with np.errstate(invalid="ignore"):
+        width = number_cell(np.divide(survives - factor, factor), "ratio", text=text)
+    # Windows may be so narrow that four digits do not show them.
+    factor_cell, *ends = (
+        dataclasses.replace(cell, is_input=True) if isinstance(cell, Quantity) else cell
+        for cell in (
+            number_cell(factor, "number", text=f"none up to {float(windows['end'][k]):.3g}"),
+            *(number_cell(float(windows[y][k]), "number", text=text) for y in list(WINDOW_COLUMNS)[2:]),
+        )
+    )
+    return [factor_cell, width, *ends]
+
+
 def _answers(evaluation: Evaluation, data: xarray.Dataset, k: int) -> list[Any]:
-    """Return the six cells of a scene that finished, from its first uplift to its impacts before the peak.
+    """Return the seven cells of a scene that finished, from its first uplift to its impacts before the peak.
 
     - `evaluation`: the evaluation; `data`: dataset of scenes along `motion`; `k`: index of the scene
     """
     rotation = float(data["peak_rotation"][k])
     uplifted = bool(data["uplifted"][k])
-    u_b = deck_displacement(evaluation.problem.podium, rotation)
+    problem = evaluation.problem
+    angle = rotation * float(problem.podium.alpha) * problem.column_enlargement
+    u_b = deck_displacement(problem.podium, rotation)
     return [
         Quantity(float(data["uplift_time"][k]), "time") if uplifted else TextCell("no uplift", "none"),
         peak_cell(data, k, rotation, "number", data["peak_rotation_error"][k]),
+        peak_cell(data, k, angle, "angle"),
         Quantity(float(data["peak_rotation_time"][k]), "time") if uplifted else TextCell("no uplift", "none"),
         peak_cell(data, k, u_b, "displacement"),
         _impacts(float(data["impacts"][k])),

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
+import jax.numpy as jnp
 import numpy as np
 
 from rockjax._parameters.registry import STRUCTURE
@@ -57,7 +59,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
         "inputs",
         "Inputs",
         (Column("Quantity"), Column("Key"), Column("Value"), Column("Source")),
-        tuple(_row(entry) for entry in problem.inputs) + tuple(_joint_rows(evaluation)),
+        (*map(_row, problem.inputs), *_law_rows(problem), *_joint_rows(evaluation), *_hazard_rows(problem)),
     )
     blocks = (figure, inputs, *_round_ends(problem), _derived(evaluation), *_modes(evaluation))
     return Section(2, "Structure and inputs", blocks)
@@ -134,6 +136,27 @@ def value_cell(value: Any, kind: str) -> Cell:
     return Quantity(float(value), kind, is_input=True)
 
 
+def _law_rows(problem: Problem) -> Iterator[tuple[Cell, ...]]:
+    """Yield the row, in the form of `_row`, of the law of impact if the file does not give one."""
+    if all(entry.key != "restitution" for entry in problem.inputs):
+        key = TextCell((Code("structure.restitution"),))
+        yield TextCell("Law of impact"), key, TextCell("paper"), TextCell("default of the program")
+
+
+def _hazard_rows(problem: Problem) -> Iterator[tuple[Cell, ...]]:
+    """Yield the row, in the form of `_row`, of the hazard curve of the file."""
+    hazards = [entry.arguments["hazard"] for entry in problem.checks if "hazard" in entry.arguments]
+    if problem.risk.hazard is None or not hazards:
+        return
+    intensity = np.asarray(hazards[0].intensity, float)
+    kind = kind_of_unit(hazards[0].units)
+    ends = (Quantity(float(y), kind, is_input=True) for y in (intensity[0], intensity[-1]))
+    first, last = ends
+    value = TextCell((f"{intensity.size} points, {hazards[0].measure} from ", first, " to ", last))
+    key = TextCell((Code("risk.hazard"),))
+    yield TextCell("Hazard curve"), key, value, _source(problem.sources.get("risk.hazard"))
+
+
 def _joint_rows(evaluation: Evaluation):
     """Yield a row, in the form of `_row`, for each property of the joints that the file gives."""
     meanings = {
@@ -155,82 +178,160 @@ def _joint_rows(evaluation: Evaluation):
 
 def _derived(evaluation: Evaluation) -> Equations:
     """Return the derived quantities as equations, with numbers inserted."""
-    problem, podium = evaluation.problem, evaluation.problem.podium
-    numbers = {name: y.values for name, y in _numbers(evaluation).items()}
-    width, height = float(numbers["width"]), float(numbers["height"])
-    alpha, g, R = float(podium.alpha), float(podium.g), float(podium.R)
-    gamma, eta = float(podium.gamma), float(podium.eta)
-
-    def plain(value: float, digits: int = 7) -> str:
-        return f"{value:.{digits}g}"
-
-    factor_in_use = float(numbers["restitution"])
+    numbers = {name: y.values for name, y in derived_numbers(evaluation).items()}
     rows = [
-        Equation(
-            Formula("slenderness"),
-            f"{plain(width)} / {plain(height)}",
-            Quantity(np.tan(alpha), "number"),
-            "1",
-        ),
-        Equation(
-            Formula("half_diagonal"), f"√({plain(width / 2)}² + {plain(height / 2)}²)", Quantity(R, "length")
-        ),
-        Equation(
-            Formula("frequency_parameter"),
-            f"√(3 · {plain(g)} / (4 · {plain(R)}))",
-            Quantity(float(numbers["p"]), "angular frequency"),
-            "25",
-        ),
-        Equation(Formula("beam_mass_ratio"), "", Quantity(gamma, "number"), "2"),
+        *_geometry_rows(evaluation, numbers),
+        *_mass_rows(evaluation.problem),
+        *_restitution_rows(evaluation.problem, numbers),
+        *_uplift_rows(evaluation.problem, numbers),
+        *_load_rows(evaluation.problem, numbers),
     ]
-    if eta:
-        rows.append(Equation(Formula("superstructure_mass_ratio"), "", Quantity(eta, "number"), "2"))
-    laws: dict[str, Any] = {"paper": "27", "compatible": "C13"}
-    for name, label in laws.items():
-        factor = float(numbers[f"restitution_{name}"])
-        note = " (in use)" if factor == factor_in_use else " (not in use)"
-        rows.append(
-            Equation(Formula(f"restitution_{name}"), f"law {name}{note}", Quantity(factor, "number"), label)
-        )
-    # The prestress of tendons raises the uplift threshold and the dead load. The formulas of the report do
-    # not contain the prestress, but the inserted numbers and the results do.
-    uplift = float(numbers["uplift_acceleration"])
-    ratio = uplift / (g * np.tan(alpha))
-    prestress = "" if np.isclose(ratio, 1, rtol=1e-9) else f" · {plain(ratio, 4)} (prestress of the tendons)"
-    rows.append(
-        Equation(
-            Formula("uplift_acceleration"),
-            f"{plain(g)} · {plain(np.tan(alpha))}{prestress}",
-            Quantity(uplift, "acceleration"),
-            "5",
-        )
-    )
-    if podium.vibrates:
-        demand = Quantity(float(numbers["uplift_demand"]), "acceleration")
-        note = f"g tan α (1+2γ+2η)/(1+2γ){prestress}" if prestress else ""
-        rows.append(Equation(Formula("uplift_demand"), note, demand, "9"))
-    if problem.column_mass is not None:
-        bottom, top = (float(y) for y in numbers["dead_load"])
-        weight = problem.column_mass * g
-        tendons = Quantity((top - gamma - eta) * weight, "force", is_input=True)
-
-        def terms(symbols: str) -> Text:
-            """Return the text of the sum `symbols` · m_c g + prestress; "" without prestress."""
-            return (f"{symbols} m_c g + ", tendons, " (prestress of the tendons)") if prestress else ""
-
-        top_load, bottom_load = (Quantity(y * weight, "force") for y in (top, bottom))
-        rows += [
-            Equation(Formula("dead_load"), terms("(γ+η)"), top_load, "F3"),
-            Equation(Formula("dead_load_bottom"), terms("(γ+η+1)"), bottom_load, "F3"),
-        ]
-    if podium.elevation is not None:
-        rows.append(
-            Equation(Formula("core_distance"), "", Quantity(float(numbers["core_distance"]), "length"), "F8")
-        )
     return Equations(tuple(rows))
 
 
-def _numbers(evaluation: Evaluation) -> xarray.Dataset:
+def _plain(value: float, digits: int = 7) -> str:
+    return f"{float(value):.{digits}g}"
+
+
+def _geometry_rows(evaluation: Evaluation, numbers: dict[str, Any]) -> Iterator[Equation]:
+    """Yield tan α, R and p, and the displacement of the beam at the largest rotation of the page."""
+    problem, podium = evaluation.problem, evaluation.problem.podium
+    width, height = float(numbers["width"]), float(numbers["height"])
+    alpha, g, R = float(podium.alpha), float(podium.g), float(podium.R)
+    tan = Quantity(np.tan(alpha), "number", note=("α = ", Quantity(alpha, "angle")))
+    yield Equation(Formula("slenderness"), f"{_plain(width)} / {_plain(height)}", tan, "1")
+    text = f"√({_plain(width / 2)}² + {_plain(height / 2)}²)"
+    yield Equation(Formula("half_diagonal"), text, Quantity(R, "length"), "1")
+    text, p = f"√(3 · {_plain(g)} / (4 · {_plain(R)}))", Quantity(float(numbers["p"]), "angular frequency")
+    yield Equation(Formula("frequency_parameter"), text, p, "25")
+    yield Equation(Formula("inertia_factor"), "", Quantity(float(podium.lam), "number"), "3")
+    scene = governing_scene(evaluation.scenes, sets_with_scenes(evaluation))
+    if scene is not None:
+        name, k = scene
+        theta = float(evaluation.scenes.peaks(name)["peak_rotation"][k]) * alpha
+        displacement = 2 * R * (np.sin(alpha) - np.sin(alpha - theta))
+        text = f"2 · {_plain(R)} · [{_plain(np.sin(alpha), 4)} − {_plain(np.sin(alpha - theta), 4)}]"
+        note = f"{problem.motions[name].names[k]} of {name}"
+        result = Quantity(displacement, "displacement", note=note)
+        yield Equation(Formula("beam_displacement"), text, result, "13")
+
+
+def _mass_rows(problem: Problem) -> Iterator[Equation]:
+    """Yield the mass ratios. A structure by ratios has no masses to insert."""
+    podium, structure = problem.podium, problem.structure
+    given = lambda name: getattr(structure, name, None)
+    count = _column_count(problem)
+
+    def numbers(mass: Any) -> Text:
+        if mass is None or problem.column_mass is None or count is None:
+            return ""
+        column, total = (
+            Quantity(float(y), "mass", is_input=True) for y in (problem.column_mass, np.sum(mass))
+        )
+        return total, f" / ({count} · ", column, ")"
+
+    gamma, eta = float(podium.gamma), float(podium.eta)
+    yield Equation(Formula("beam_mass_ratio"), numbers(given("beam_mass")), Quantity(gamma, "number"), "2")
+    if eta:
+        masses = given("story_masses") if given("top_mass") is None else given("top_mass")
+        ratio = Quantity(eta, "number")
+        yield Equation(Formula("superstructure_mass_ratio"), numbers(masses), ratio, "2")
+
+
+def _column_count(problem: Problem) -> int | None:
+    """Return the number of columns N; None for a structure by ratios without positions of the columns."""
+    elevation = problem.podium.elevation
+    if elevation is not None:
+        return int(np.size(np.asarray(elevation.offsets)))
+    if problem.column_mass is None:
+        return None
+    return int(getattr(problem.structure, "columns", None) or 2)  # the default of `Podium.from_dimensions`
+
+
+def _restitution_rows(problem: Problem, numbers: dict[str, Any]) -> Iterator[Equation]:
+    """Yield the factors of restitution of the laws of impact. Devices may change a factor; then the numbers
+    are left out."""
+    podium, in_use = problem.podium, float(numbers["restitution"])
+    sin2, lam = float(np.sin(float(podium.alpha)) ** 2), float(podium.lam)
+    gamma, eta = (float(y) for y in numbers["mass_ratios"])
+    g4, e4, s4, l4 = (_plain(y, 4) for y in (gamma, eta, sin2, lam))
+    forms = {
+        "paper": (
+            1 - sin2 * (2 * gamma + 2 * eta + 0.5) / (0.25 * (1 + lam) + gamma + eta),
+            f"1 − {s4} · (2 · {g4} + 2 · {e4} + 0.5) / (0.25 · (1 + {l4}) + {g4} + {e4})",
+            "27",
+        ),
+        "compatible": (
+            1 - 2 * sin2 * (1 + 4 * gamma + 4 * eta) / (1 + lam + 4 * gamma + 4 * eta * sin2),
+            f"1 − 2 · {s4} · (1 + 4 · {g4} + 4 · {e4}) / (1 + {l4} + 4 · {g4} + 4 · {e4} · {s4})",
+            "C13",
+        ),
+    }
+    for name, (value, inserted, label) in forms.items():
+        factor = float(numbers[f"restitution_{name}"])
+        use = "in use" if factor == in_use else "not in use"
+        text = f"{inserted} (law {name}, {use})" if np.isclose(value, factor) else f"law {name}, {use}"
+        yield Equation(Formula(f"restitution_{name}"), text, Quantity(factor, "number"), label)
+
+
+def _uplift_rows(problem: Problem, numbers: dict[str, Any]) -> Iterator[Equation]:
+    """Yield the ground acceleration that lifts the columns, and the threshold of the uplift demand.
+
+    The prestress of tendons raises both. The formulas do not contain the prestress, but the inserted numbers
+    and the results do.
+    """
+    podium = problem.podium
+    g, tan = float(podium.g), float(np.tan(float(podium.alpha)))
+    uplift = float(numbers["uplift_acceleration"])
+    prestress = _prestress(problem, numbers)
+    text = f"{_plain(g)} · {_plain(tan)}{prestress}"
+    yield Equation(Formula("uplift_acceleration"), text, Quantity(uplift, "acceleration"), "5")
+    if podium.vibrates:
+        gamma, eta = (_plain(y, 4) for y in numbers["mass_ratios"])
+        text = f"{_plain(g)} · {_plain(tan)} · (1 + 2 · {gamma} + 2 · {eta}) / (1 + 2 · {gamma}){prestress}"
+        demand = Quantity(float(numbers["uplift_demand"]), "acceleration")
+        yield Equation(Formula("uplift_demand"), text, demand, "9")
+
+
+def _prestress(problem: Problem, numbers: dict[str, Any]) -> str:
+    """Return the factor by which the prestress of tendons raises the uplift threshold, as the end of a
+    product; "" without prestress."""
+    podium = problem.podium
+    ratio = float(numbers["uplift_acceleration"]) / (float(podium.g) * np.tan(float(podium.alpha)))
+    return "" if np.isclose(ratio, 1, rtol=1e-9) else f" · {_plain(ratio, 4)} (prestress of the tendons)"
+
+
+def _load_rows(problem: Problem, numbers: dict[str, Any]) -> Iterator[Equation]:
+    """Yield the dead loads of a column and, with positions of the columns, h̄ and ℓ_p."""
+    podium, mass = problem.podium, problem.column_mass
+    gamma, eta = float(podium.gamma), float(podium.eta)
+    if mass is not None:
+        bottom, top = (float(y) for y in numbers["dead_load"])
+        weight = mass * float(podium.g)
+        tendons = Quantity((top - gamma - eta) * weight, "force", is_input=True)
+        has_prestress = bool(_prestress(problem, numbers))
+        ending: tuple = (" + ", tendons, " (prestress of the tendons)") if has_prestress else ()
+        factors = (
+            " · ",
+            Quantity(mass, "mass", is_input=True),
+            " · ",
+            Quantity(float(podium.g), "acceleration"),
+        )
+        for formula, ratio, load in (("dead_load", "", top), ("dead_load_bottom", " + 1", bottom)):
+            text = f"({_plain(gamma, 4)} + {_plain(eta, 4)}{ratio})"
+            yield Equation(
+                Formula(formula), (text, *factors, *ending), Quantity(load * weight, "force"), "F3"
+            )
+    if podium.elevation is not None:
+        offsets = np.asarray(podium.elevation.offsets, float)
+        yield Equation(Formula("mean_height"), "", Quantity(float(numbers["mean_height"]), "length"), "F8")
+        square, largest = float(np.mean(offsets**2)), float(np.abs(offsets).max())
+        text = f"{_plain(square, 4)} / {_plain(largest, 4)}"
+        distance = Quantity(float(numbers["core_distance"]), "length")
+        yield Equation(Formula("core_distance"), text, distance, "F8")
+
+
+def derived_numbers(evaluation: Evaluation) -> xarray.Dataset:
     """Return the derived numbers of this section; compute them only if the store does not have them."""
     podium = evaluation.problem.podium
     compute = lambda: dataset_of(_derived_numbers(podium))
@@ -248,12 +349,17 @@ def _derived_numbers(podium: Podium) -> dict[str, Any]:
         "restitution": podium.restitution_factor,
         "uplift_acceleration": podium.uplift_ground_acceleration,
         "dead_load": podium.dead_load,
+        "mass_ratios": jnp.stack(jnp.broadcast_arrays(*podium.mass_ratios)),
     } | {f"restitution_{name}": factor for name, factor in laws.items()}
     if podium.vibrates:
         values["uplift_demand"] = podium.uplift_demand
         values["uplifted_frequencies"] = podium.uplifted_frequencies
     if podium.elevation is not None:
         values["core_distance"] = podium.core_distance
+        values["impact_friction"] = podium.impact_friction
+        arms = podium.elevation.resolved(podium.gamma, podium.superstructure)
+        moments = arms.beam if arms.modes is None else arms.beam + jnp.sum(arms.modes)
+        values["mean_height"] = moments / (podium.gamma + podium.eta)
     return values
 
 
@@ -267,7 +373,7 @@ def _modes(evaluation: Evaluation) -> list[Any]:
         np.atleast_1d(oscillators.T_s), np.atleast_1d(oscillators.eta), np.atleast_1d(oscillators.zeta)
     )
     # The first frequency belongs to the rocking mode.
-    uplifted = _numbers(evaluation)["uplifted_frequencies"].values[1:] / (2 * np.pi)
+    uplifted = derived_numbers(evaluation)["uplifted_frequencies"].values[1:] / (2 * np.pi)
     columns = {
         "Mode": "count",
         "Period with a fixed base T_i": "time",
