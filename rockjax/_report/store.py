@@ -143,11 +143,6 @@ class Store:
             self._started[name] = inputs_hash, submit(compute)
         return True
 
-    def is_available(self, name: str, inputs_hash: str) -> bool:
-        """Return whether a dataset with this name and fingerprint is stored, or is being computed in another
-        thread."""
-        return self._has(name, inputs_hash) or self._started.get(name, ("",))[0] == inputs_hash
-
     def raise_if_stopped(self) -> None:
         """Raise `Interrupted` if an exception, such as that of Ctrl-C, has ended the report."""
         if self._stop.is_set():

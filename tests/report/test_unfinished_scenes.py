@@ -46,10 +46,14 @@ def peaks_of(names):
 
 def evaluation_of(names):
     data, motions = peaks_of(names), SimpleNamespace(names=tuple(f"M{k}" for k in range(len(names))))
-    scenes = SimpleNamespace(peaks=lambda *_: data, motion_set=lambda _: motions)
+    names = ("input_energy", "mechanical_energy", "impact_energy", "damping_energy")
+    energies = {name: ("time", np.zeros(2)) for name in names} | {"initial_energy": 0.0, "result": 0}
+    history = xarray.Dataset(energies, coords={"time": [0.0, 1.0]})
+    scenes = SimpleNamespace(peaks=lambda *_: data, motion_set=lambda _: motions, history=lambda *_: history)
     podium = SimpleNamespace(alpha=PODIUM.alpha, R=PODIUM.R, elevation=object())
     scenes.problem = SimpleNamespace(
         podium=podium,
+        column_enlargement=1.0,
         motions={"set": motions},
         options=rj.Options(),
         joints=SimpleNamespace(friction=0.6),
@@ -67,8 +71,8 @@ def test_the_governing_row_survives():
     """The highlighted row is that of the drawn history; without a surviving scene there is none."""
     table = rocking._table(evaluation_of(MIXED), "set")
     assert table.governing == (4,)
-    assert texts_of(table.rows[0]) == ["M0", *["out of steps"] * 6]
-    assert texts_of(table.rows[1]) == ["M1", *["weightless"] * 6]
+    assert texts_of(table.rows[0]) == ["M0", *["out of steps"] * 7, "not asked"]
+    assert texts_of(table.rows[1]) == ["M1", *["weightless"] * 7, "not asked"]
     assert texts_of(table.rows[4])[:3] == ["M4", "no uplift", "number"]
     assert rocking._table(evaluation_of(WITHOUT_SURVIVORS), "set").governing == ()
 

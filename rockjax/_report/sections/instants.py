@@ -6,7 +6,7 @@ more accurate than the samples of a history.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -18,12 +18,12 @@ from rockjax._report.kinds.peaks import PeakKind
 from rockjax._report.tables import Quantity, Text
 from rockjax._structures.building import ShearBuilding
 
-from .common import surviving_scenes
+from .common import governing_scene, sets_with_scenes, surviving_scenes
 
 if TYPE_CHECKING:
     import xarray
 
-    from rockjax._report.evaluation import Check
+    from rockjax._report.evaluation import Check, Evaluation
     from rockjax._report.problem import Problem
     from rockjax._report.scenes import Scenes
     from rockjax._report.store import Stored
@@ -67,40 +67,37 @@ class Instant(NamedTuple):
 Instants = dict[tuple[str, int], Instant]  # (output, index of the joint, storey or mode or −1) → instant
 
 
-def instants_of(scenes: Scenes, name: str, motion: int) -> Instants:
+def instants_of(evaluation: Evaluation, name: str, motion: int) -> Instants:
     """Return the instants of the largest values (the least, for a minimum) of all outputs in the history of a
     scene.
 
-    - `scenes`: the scenes of the problem
+    - `evaluation`: the evaluated problem
     - `name`: name of the set of motions; `motion`: index of the motion in the set
     """
-    if _has_history(scenes, name, motion):
+    scenes = evaluation.scenes
+    if (name, motion) == governing_scene(scenes, sets_with_scenes(evaluation)):  # the page draws its history
         return find_instants(scenes.problem.podium, scenes.history(name, motion))
     data = scenes.store.get(*_stored(scenes, name, motion))
     keys = zip(data["output"].values, data["row"].values, strict=True)
     return {(str(y), int(k)): Instant(*z) for (y, k), z in zip(keys, data["instant"].values, strict=True)}
 
 
-def known_instants(scenes: Scenes, name: str, motion: int) -> Instants:
+def known_instants(evaluation: Evaluation, name: str, motion: int) -> Instants:
     """Do the same as `instants_of`, but return {} if no check and no axial force needs this history."""
-    is_needed = (name, motion) in set(_governing(scenes, [name])) or _has_history(scenes, name, motion)
-    return instants_of(scenes, name, motion) if is_needed else {}
+    is_needed = (name, motion) in set(_governing(evaluation.scenes, [name]))
+    is_drawn = (name, motion) == governing_scene(evaluation.scenes, sets_with_scenes(evaluation))
+    return instants_of(evaluation, name, motion) if is_needed or is_drawn else {}
 
 
-def start(scenes: Scenes, names: Iterable[str]) -> None:
+def start(scenes: Scenes, names: Sequence[str]) -> None:
     """Start to find the instants of governing values in other threads.
 
     - `scenes`: the scenes of the problem; `names`: names of the sets of motions on the page
     """
-    for name, motion in dict.fromkeys(_governing(scenes, list(names))):
-        if not _has_history(scenes, name, motion):
+    drawn = governing_scene(scenes, names)
+    for name, motion in dict.fromkeys(_governing(scenes, names)):
+        if (name, motion) != drawn:
             scenes.store.start(*_stored(scenes, name, motion))
-
-
-def _has_history(scenes: Scenes, name: str, motion: int) -> bool:
-    """Return whether the whole history of a scene is stored or being computed."""
-    label, inputs_hash, _ = scenes.stored_history(name, motion)
-    return scenes.store.is_available(label, inputs_hash)
 
 
 def _stored(scenes: Scenes, name: str, motion: int) -> Stored:
@@ -121,14 +118,14 @@ def _stored(scenes: Scenes, name: str, motion: int) -> Stored:
     return label.replace("history.", "instants.", 1), inputs_hash, compute
 
 
-def _governing(scenes: Scenes, names: list[str]) -> Iterator[tuple[str, int]]:
+def _governing(scenes: Scenes, names: Sequence[str]) -> Iterator[tuple[str, int]]:
     """Yield (set, index of the motion) of the scenes with the governing values of checks, and with the
     extreme forces in the joints."""
     for entry in scenes.problem.checks:
         kind = KINDS[entry.kind]
         if entry.motions in names and isinstance(kind, PeakKind) and not kind.missing(entry, scenes.problem):
             values = kind.values(entry, scenes)
-            governing = statistic_of(values, entry.keys.statistic, kind.is_minimum)[2]
+            governing = statistic_of(values, entry.keys.statistic, kind.is_minimum).governing
             if values.states[governing] != "overturned" and _has_instant(kind.variable):
                 yield entry.motions, governing
     for name in names if scenes.problem.podium.elevation is not None else ():
@@ -234,13 +231,13 @@ def column_text(problem: Problem, instant: Instant) -> Text:
     return "x = ", Quantity(float(offsets[int(instant.column)]), "length", is_input=True)
 
 
-def opening_of(scenes: Scenes, name: str, motion: int) -> Instant | None:
+def opening_of(evaluation: Evaluation, name: str, motion: int) -> Instant | None:
     """Return the first instant at which a joint is in tension under a motion of a set; None if the samples of
     the history have none."""
-    return instants_of(scenes, name, motion).get((_OPENING, -1))
+    return instants_of(evaluation, name, motion).get((_OPENING, -1))
 
 
-def instant_of_check(check: Check, scenes: Scenes) -> Instant | None:
+def instant_of_check(check: Check, evaluation: Evaluation) -> Instant | None:
     """Return the instant of the governing value of a check of a peak; None if it is unknown.
 
     If the value is infinite because a joint opens, the result is the first instant at which a joint is in
@@ -255,9 +252,9 @@ def instant_of_check(check: Check, scenes: Scenes) -> Instant | None:
     ):
         return None
     if check.state == "joint opens":
-        return opening_of(scenes, str(check.motions), check.governing)
+        return opening_of(evaluation, str(check.motions), check.governing)
     row = -1
     if check.location:  # from `PeakKind.values`, such as "top joint" or "storey 3"
         words = check.location.split()
         row = JOINT_NAMES.index(words[0]) if words[0] in JOINT_NAMES else int(words[-1]) - 1
-    return instants_of(scenes, str(check.motions), check.governing).get((kind.variable, row))
+    return instants_of(evaluation, str(check.motions), check.governing).get((kind.variable, row))

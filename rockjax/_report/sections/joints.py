@@ -80,7 +80,7 @@ def _extremes(evaluation: Evaluation, name: str) -> list[Extreme]:
     for output, joint, k in extremes_of(data):
         is_located = output != "peak_foundation_shear" and evaluation.problem.podium.elevation is not None
         find = instants_of if is_located else known_instants
-        instants = find(evaluation.scenes, name, k)
+        instants = find(evaluation, name, k)
         value = float(np.ravel(data[output].values[k])[max(joint, 0)])
         motion = evaluation.problem.motions[name].names[k]
         found.append(Extreme(output, joint, value, name, motion, instants.get((output, joint))))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -46,7 +46,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
     return Section(4, "Rotation, uplift, overturning", (*blocks, *details(evaluation, 4)))
 
 
-def start(scenes: Scenes, names: Iterable[str]) -> None:
+def start(scenes: Scenes, names: Sequence[str]) -> None:
     """Start to compute the history of the governing scene, and the instants of governing values, in other
     threads.
 

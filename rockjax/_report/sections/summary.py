@@ -7,10 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 from rockjax._report.blocks import Limit, Section, Summary, SummaryRow
 from rockjax._report.tables import Quantity, Text, TextCell
-from rockjax._report.units import Units
+from rockjax._report.units import Units, si_unit
+
+from .instants import Instant, column_text, instant_of_check
 
 if TYPE_CHECKING:
     from rockjax._report.evaluation import Check, Evaluation
+    from rockjax._report.problem import Problem
 
 SHOWN_SLOPES = 4  # largest number of derivatives that a row of the summary shows
 _NOTE = (
@@ -36,7 +39,7 @@ def _row(check: Check, evaluation: Evaluation) -> SummaryRow:
     if check.kind.has_limit:
         comparison = "≥" if check.kind.is_minimum else "≤"
         quantity = Quantity(check.limit, check.entry.quantity, is_input=True)
-        limit = Limit(comparison, quantity, check.entry.keys.unit)
+        limit = Limit(comparison, quantity, check.entry.keys.unit or si_unit(check.entry.quantity))
     if check.values is None:
         state = "by others" if check.result == "BY OTHERS" else "not made"
         return SummaryRow(
@@ -58,15 +61,16 @@ def _row(check: Check, evaluation: Evaluation) -> SummaryRow:
         utilisation = TextCell("no value", "none")
     else:
         utilisation = TextCell("> 1", "fail")
+    instant = instant_of_check(check, evaluation)
     return SummaryRow(
         check.id,
         check.name,
         scope,
-        _value(check),
+        _value(check, evaluation.problem, instant),
         limit,
         utilisation,
         check.result,
-        governs=_governs(check),
+        governs=(_governs(check), *_instant_parts(check, evaluation.problem, instant)),
         sensitivities=_slopes(check),
         spread=_spread(check),
         section=check.kind.section,
@@ -76,18 +80,27 @@ def _row(check: Check, evaluation: Evaluation) -> SummaryRow:
     )
 
 
-def _value(check: Check) -> Quantity | TextCell:
-    """Return the value of a check with its error, or with its interval if the error is unknown."""
+def _value(check: Check, problem: Problem, instant: Instant | None) -> Quantity | TextCell:
+    """Return the value of a check with its error, or with its interval if the error is unknown. A ratio θ/α
+    has the rotation θ as a note.
+
+    `instant`: instant of the governing value, or of the first opening of a joint; None if it is unknown
+    """
     if not math.isfinite(check.value):
+        if check.state == "joint opens" and instant is not None:
+            return TextCell(f"{check.text} at {instant.time:.2f} s", check.state)
         return TextCell(check.text, check.state)
     kind, note = check.entry.quantity, ()
+    if check.kind.name == "peak-rotation":
+        angle = check.value * float(problem.podium.alpha) * problem.column_enlargement
+        note = ("θ = ", Quantity(angle, "angle"))
     if check.values is not None and check.values.interval:
         lower, upper, confidence = check.values.interval
         note = (f"{confidence:.0%} interval ", Quantity(lower, kind), " to ", Quantity(upper, kind))
     return Quantity(check.value, kind, check.error if check.error > 0 else None, note=note)
 
 
-def _governs(check: Check) -> Text:
+def _governs(check: Check) -> str:
     """Return the governing motion or pulse of a check, the location of the value, and `check.reason`. For a
     quantile between two values, return both motions."""
     names = check.values.names if check.values else ()
@@ -98,6 +111,16 @@ def _governs(check: Check) -> Text:
     else:
         name = " and ".join(name for name, weight in zip(names, check.weights, strict=True) if weight)
     return ", ".join(text for text in (name, check.location, check.reason) if text)
+
+
+def _instant_parts(check: Check, problem: Problem, instant: Instant | None) -> tuple[Any, ...]:
+    """Return the column and the time of the governing value of a check, as the end of a text; () if they are
+    unknown."""
+    if instant is None or check.statistic != "max":
+        return ()
+    column = column_text(problem, instant) if check.kind.is_of_joints else ()
+    column = (column,) if isinstance(column, str) else column
+    return *((", ", *column) if column else ()), ", ", Quantity(instant.time, "time")
 
 
 def _slopes(check: Check) -> Text:
