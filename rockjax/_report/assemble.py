@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import datetime
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from rockjax._version import __version__
 
-from .assumptions import ASSUMPTIONS
+from .assumptions import ASSUMPTIONS, Outcome
 from .blocks import Page
 from .plausibility import warnings_of
 from .sections import SECTIONS
@@ -92,6 +92,14 @@ def _notices(evaluation: Evaluation):
     for check in evaluation.checks:
         for name in check.violated:
             violated.setdefault(name, []).append(check.id)
+    for name, found in evaluation.assumptions.items():
+        for assumption in ASSUMPTIONS:
+            outcome = found.get(assumption.id)
+            if isinstance(outcome, Outcome) and not assumption.invalidates and outcome.violated.any():
+                yield (
+                    *("Assumption ", Link(assumption.id, assumption.id), f" is violated in the set {name}: "),
+                    f"“{texts[assumption.id]}”",
+                )
     for name, checks in violated.items():
         yield (
             "Assumption ",
@@ -127,5 +135,24 @@ def _notices(evaluation: Evaluation):
     yield from warnings_of(evaluation)
     if unused := unused_sets(evaluation):
         yield ("No check uses the sets of motions ", Code(", ".join(unused)), ".")
+    if keys := list(_unused_keys(evaluation)):
+        yield ("No check uses ", Code(", ".join(keys)), ".")
     if evaluation.skipped:
         yield f"Left out on request: {', '.join(evaluation.skipped)}."
+
+
+def _unused_keys(evaluation: Evaluation) -> Iterator[str]:
+    """Yield the tables and keys of the file that no check uses: [fragility], [risk] and those of [joints]."""
+    problem, kinds = evaluation.problem, {check.kind.name for check in evaluation.checks}
+    made_of_joints = any(
+        check.kind.is_of_joints and check.kind.name != "contact-pressure" for check in evaluation.checks
+    )
+    if problem.joints.friction is not None and not made_of_joints:
+        yield "joints.friction"
+    for name in ("contact_width", "contact_depth"):
+        if getattr(problem.joints, name) is not None and "contact-pressure" not in kinds:
+            yield f"joints.{name}"
+    if problem.fragility.model_fields_set and not kinds & {"median-capacity", "annual-frequency"}:
+        yield "fragility"
+    if problem.risk.model_fields_set and "annual-frequency" not in kinds:
+        yield "risk"

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .tables import Bare, Quantity, Text
+
 if TYPE_CHECKING:
     from .evaluation import Evaluation
 
@@ -19,7 +21,13 @@ LEAST_U = 0.01  # least usual utilisation [–]
 FEW_MOTIONS = 7  # usual minimum number of motions for a mean
 
 
-def warnings_of(evaluation: Evaluation) -> Iterator[str]:
+def _range(ends: tuple[float, float], kind: str, ending: str) -> Text:
+    """Return the text "a to b", followed by `ending`. `kind`: what the numbers measure."""
+    first, last = (Quantity(y, kind, is_input=True) for y in ends)
+    return Bare(first), " to ", last, ending
+
+
+def warnings_of(evaluation: Evaluation) -> Iterator[Text]:
     """Yield a warning for each number that is probably a mistake."""
     problem = evaluation.problem
     podium, mass, depth = problem.podium, problem.column_mass, problem.joints.contact_depth
@@ -29,17 +37,23 @@ def warnings_of(evaluation: Evaluation) -> Iterator[str]:
         density = mass / (width * height * depth)
         if not DENSITIES[0] <= density <= DENSITIES[1]:
             yield (
-                f"The columns have {density:.4g} kg/m³; 300 to 8000 kg/m³ are usual. Is "
-                "structure.column_mass in kilograms?"
+                *("The columns have ", Quantity(density, "density"), "; "),
+                *_range(DENSITIES, "density", " are usual. Is structure.column_mass in kilograms?"),
             )
         stress = float(np.asarray(podium.dead_load)[0]) * mass * float(podium.g) / (width * depth)
         if not STRESSES[0] <= stress <= STRESSES[1]:
-            yield f"The mean stress of the columns is {stress / 1e6:.3g} MPa; 0.01 to 50 MPa are usual."
+            yield (
+                *("The mean stress of the columns is ", Quantity(stress, "stress"), "; "),
+                *_range(STRESSES, "stress", " are usual."),
+            )
     oscillators = None if podium.superstructure is None else podium.superstructure.oscillators
     if oscillators is not None:
         period = float(np.max(np.asarray(oscillators.T_s)))
         if not PERIODS[0] <= period <= PERIODS[1]:
-            yield f"The first period of the building is {period:.3g} s; 0.05 to 10 s are usual."
+            yield (
+                *("The first period of the building is ", Quantity(period, "time"), "; "),
+                *_range(PERIODS, "time", " are usual."),
+            )
     heights = problem.story_heights
     for check in evaluation.checks:
         if (

@@ -23,6 +23,7 @@ from rockjax._text.reading import read_text
 from .entry import BOUNDS, Entry
 from .kinds import KINDS, check_model
 from .problem import Input, MotionSet, Problem
+from .units import unit_of_kind
 
 
 def read_problem(path: str | Path) -> Problem:
@@ -208,6 +209,11 @@ def _entry(
     arguments = kind.read(keys, reader, file, podium)
     kind.check(keys, kind.uses_motions(arguments))
     quantity = kind.quantity_of(keys, file)
+    if keys.unit is not None and kind.has_limit:
+        try:
+            unit_of_kind(keys.unit, quantity, subject=name)
+        except ValueError as error:
+            reader.fail(f"{where}.unit", str(error).removeprefix("unit: "))
     limit = kind.limit(keys, quantity, float(podium.g))
     return Entry(keys.id or "", name, keys, arguments, keys.motions, quantity, limit, False)
 

@@ -95,6 +95,18 @@ def _writer(content: bytes) -> Any:
     return lambda name: Path(name).write_bytes(content)
 
 
+def _write_both(first: tuple[Path, bytes], second: tuple[Path, bytes]) -> list[Path]:
+    """Write two files, pairs (path, content), and return their paths. If an error or an interruption prevents
+    the writing of one of them, both keep their old contents."""
+    written: list[Path] = []
+
+    def write(name: str) -> None:
+        _writer(first[1])(name)
+        written.append(write_atomically(second[0], _writer(second[1])))
+
+    return [write_atomically(first[0], write), *written]
+
+
 def report(
     problem: Problem | Evaluation | str | Path,
     output: str | Path | None = None,
@@ -151,7 +163,6 @@ def report(
         result = Report(evaluation, page_of(evaluation, chosen, command), chosen)
         if path is None:
             return result
-        contents = {path: result.html.encode(), path.with_suffix(".json"): result.json.encode()}
-        written = [write_atomically(name, _writer(content)) for name, content in contents.items()]
+        written = _write_both((path, result.html.encode()), (path.with_suffix(".json"), result.json.encode()))
     saved = evaluation.scenes.store.save()
     return dataclasses.replace(result, written=(*written, *([saved] if saved else [])))

@@ -1,15 +1,25 @@
 """Cells and formulas of sections, from made-up motions, windows, histories and results."""
 
+import dataclasses
+from pathlib import Path
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import xarray
 
 import rockjax as rj
 from rockjax._practice.registry import METHODS
+from rockjax._problem.reading import Reader
 from rockjax._report import formulas
+from rockjax._report.assemble import _unused_keys
+from rockjax._report.plausibility import warnings_of
 from rockjax._report.problem import MotionSet
-from rockjax._report.sections import instants, methods, motions, rocking
+from rockjax._report.report import _write_both
+from rockjax._report.sections import assumptions, instants, methods, motions, rocking
 from rockjax._report.sections.accuracy import open_energy
+from rockjax._report.tables import plain
+from rockjax._report.units import Units
 
 
 def record(samples=(0.0, 1.0, -1.0, 0.0), vertical=None, **metadata):
@@ -123,3 +133,107 @@ def test_open_energy_of_a_history():
         "damping_energy": ("time", [0.0, 1.5]),
     }
     assert open_energy(xarray.Dataset(variables)) == (0.5, 4.0)
+
+
+def warned(problem, *checks, **changes):
+    """Return the plausibility warnings of a problem with made-up checks, as plain texts."""
+    problem = dataclasses.replace(problem, **changes)
+    evaluation = SimpleNamespace(problem=problem, checks=checks)
+    return [plain(text, Units.si()).replace("\N{NO-BREAK SPACE}", " ") for text in warnings_of(evaluation)]
+
+
+def made_check(kind, limit=1.0, utilisation=0.5, statistic="max", motions=None):
+    return SimpleNamespace(
+        id="C1",
+        kind=SimpleNamespace(name=kind),
+        limit=limit,
+        utilisation=utilisation,
+        statistic=statistic,
+        motions=motions,
+    )
+
+
+@pytest.fixture(scope="module")
+def eight_storeys():
+    return rj.read_problem(Path(__file__).parents[2] / "docs" / "reports" / "eight-storeys.toml")
+
+
+def test_numbers_in_the_usual_range_are_not_warned_of(eight_storeys):
+    checks = [made_check("peak-drift", 0.02), made_check("peak-drift-ratio", 0.0075)]
+    assert warned(eight_storeys, *checks) == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"column_mass": 4.725}, "The columns have 2.500 kg/m³; 300 to 8000 kg/m³ are usual"),
+        ({"column_mass": 4.725e5}, "The mean stress of the columns is 2.447·10⁸ Pa"),
+        ({"story_stiffnesses": [1e13] * 8}, "The first period of the building is"),
+        ({"story_stiffnesses": [1e5] * 8}, "The first period of the building is"),
+    ],
+)
+def test_implausible_structures(eight_storeys, changes, message):
+    """Masses in tonnes, and stiffnesses in other units than N/m."""
+    structure = eight_storeys.structure.model_copy(update=changes)
+    if "column_mass" in changes:
+        texts = warned(eight_storeys, structure=structure)
+    else:
+        podium = Reader().structure(structure)
+        texts = warned(eight_storeys, structure=structure, podium=podium)
+    assert any(text.startswith(message) for text in texts), texts
+
+
+@pytest.mark.parametrize(
+    ("check", "message"),
+    [
+        (made_check("peak-drift", 0.5), "The limit of C1 exceeds a tenth of a storey height"),
+        (made_check("peak-drift-ratio", 0.75), "The limit of C1 exceeds a tenth of the height"),
+        (made_check("peak-shear", utilisation=0.004), "The utilisation of C1 is below 0.01"),
+        (made_check("peak-shear", statistic="mean", motions="near_fault"), "C1 is a mean over 3 motions"),
+    ],
+)
+def test_implausible_checks(eight_storeys, check, message):
+    (text,) = warned(eight_storeys, check)
+    assert text.startswith(message)
+
+
+def test_keys_that_no_check_uses_are_named(eight_storeys):
+    kind = SimpleNamespace(name="peak-rotation", is_of_joints=False)
+    evaluation = SimpleNamespace(problem=eight_storeys, checks=[SimpleNamespace(kind=kind)])
+    joints = ["joints.friction", "joints.contact_width", "joints.contact_depth"]
+    assert list(_unused_keys(evaluation)) == [*joints, "fragility", "risk"]
+    kinds = (("peak-friction", True), ("contact-pressure", True), ("annual-frequency", False))
+    used = [SimpleNamespace(kind=SimpleNamespace(name=y, is_of_joints=z)) for y, z in kinds]
+    assert list(_unused_keys(SimpleNamespace(problem=eight_storeys, checks=used))) == []
+
+
+def test_a_page_and_its_numbers_are_written_together(tmp_path):
+    """If one of the two files cannot be written, the other one keeps its old content."""
+    page, numbers = tmp_path / "page.html", tmp_path / "page.json"
+    page.write_text("old")
+    numbers.mkdir()  # cannot be replaced by a file
+    with pytest.raises(OSError, match=r"page\.json"):
+        _write_both((page, b"new"), (numbers, b"new"))
+    assert page.read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] in (
+        ["page.html", "page.json"],
+        ["page.json", "page.html"],
+    )
+    numbers.rmdir()
+    assert _write_both((page, b"new"), (numbers, b"1")) == [page, numbers]
+    assert (page.read_text(), numbers.read_text()) == ("new", "1")
+
+
+@pytest.mark.parametrize(
+    ("results", "state"),
+    [((), "not tested"), (("PASS",), "holds"), (("PASS", "FAIL"), "violated"), (("NOT VALID",), "undecided")],
+)
+def test_sharp_edges_are_tested_by_contact_pressures(results, state):
+    kind = SimpleNamespace(name="contact-pressure")
+    checks = [
+        SimpleNamespace(id=f"C{k}", kind=kind, values=(), result=word, utilisation=0.89)
+        for k, word in enumerate(results)
+    ]
+    cell, text = assumptions._contact_pressure(SimpleNamespace(checks=checks))
+    assert cell.state == state
+    assert all(f"C{k}: U = 0.89, {word}." in text for k, word in enumerate(results))

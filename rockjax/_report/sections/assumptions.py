@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,11 +12,27 @@ from rockjax._report.assumptions import ASSUMPTIONS, Assumption, Outcome
 from rockjax._report.blocks import Paragraph, Section
 from rockjax._report.cells import number_cell
 from rockjax._report.kinds import KINDS
-from rockjax._report.tables import Code, Column, Table, TextCell
+from rockjax._report.tables import Code, Column, Part, Quantity, Table, Text, TextCell
 from rockjax._report.units import Units
+
+from .common import surviving_scenes
+from .structure import column_count
 
 if TYPE_CHECKING:
     from rockjax._report.evaluation import Check, Evaluation
+
+# Assumption → why results are, or are not, on the safe side if it does not hold.
+EVIDENCE = {
+    "A1": "sliding limits the force, but moves the columns",
+    "A2": "a joint that opens transmits no force",
+    "A3": "two components act together",
+    "A4": "crushed edges narrow the base",
+    "A5": "soft ground lowers the frequencies and adds damping",
+    "A6": "each law of impact is the worse one under some motions",
+    "A7": "a column without the beam rocks alone",
+    "A8": "yielding lengthens the period and limits the shear",
+    "A9": "gravity adds to the drifts",
+}
 
 
 def section(evaluation: Evaluation, units: Units) -> Section:
@@ -67,18 +84,24 @@ def _row(assumption: Assumption, evaluation: Evaluation) -> tuple[TextCell, ...]
     if assumption.id == "A6":  # the law of impact; the test compares the results of checks under other laws
         result, text = _changes(evaluation)
         texts = [*without, text]
+    elif assumption.id == "A4":
+        result, text = _contact_pressure(evaluation)
+        texts = [text]
     else:
         result = _result(tuple(outcomes.values()), has_untested_set=bool(without))
         texts = [_sentence(name, outcome) for name, outcome in outcomes.items()]
         # The sets are named unless the reason applies to all of them.
         is_common = len(without) == 1 and not outcomes
         texts += [reason if is_common else f"{', '.join(sets)}: {reason}" for reason, sets in without.items()]
+    shown: Text = " ".join(texts) or "No scene was solved."
+    if assumption.id == "A8":
+        shown = (shown, *_demands(evaluation))
     return (
         TextCell(assumption.id),
         TextCell(assumption.text),
-        TextCell(assumption.conservative),
+        TextCell(assumption.conservative, note=EVIDENCE[assumption.id]),
         result,
-        TextCell(" ".join(texts) or "No scene was solved."),
+        TextCell(shown),
     )
 
 
@@ -121,6 +144,55 @@ def _changes(evaluation: Evaluation) -> tuple[TextCell, str]:
     if others:
         return TextCell("no difference in the repeated checks", "not tested"), text
     return TextCell("makes no difference", "holds"), text
+
+
+def _contact_pressure(evaluation: Evaluation) -> tuple[TextCell, str]:
+    """Return the cell with the result for A4, from the checks of the contact pressure, and a text with these
+    checks."""
+    checks = [
+        check
+        for check in evaluation.checks
+        if check.kind.name == "contact-pressure" and check.values is not None
+    ]
+    if not checks:
+        return TextCell("not tested", "not tested"), "Tested by checks of the kind contact-pressure only."
+    texts = [
+        f"{check.id}: U = {check.utilisation:.2f}, {check.result}."
+        if math.isfinite(check.utilisation)
+        else f"{check.id}: {check.result}."
+        for check in checks
+    ]
+    text = " ".join((*texts, "The width that bears at full load is to be confirmed."))
+    words = {check.result for check in checks}
+    if "FAIL" in words:
+        return TextCell("violated", "violated"), text
+    if words <= {"PASS"}:
+        return TextCell("strength holds", "holds"), text
+    return TextCell("undecided", "undecided"), text
+
+
+def _demands(evaluation: Evaluation) -> Iterator[Part]:
+    """Yield the parts of a text with the shear and the drift of each set of motions, which the building must
+    bear elastically."""
+    problem = evaluation.problem
+    mass, count = problem.column_mass, column_count(problem)
+    for name in evaluation.assumptions:
+        data = evaluation.scenes.peaks(name)
+        survives = surviving_scenes(data)
+        if not survives.any() or "peak_shear" not in data:
+            continue
+        shear = float(data["peak_shear"].values[survives].max())
+        yield from (f" {name}: base shear ", Quantity(shear, "number"), " of the weight of the building")
+        if mass is not None and count is not None:
+            weight = float(problem.podium.eta) * count * mass * float(problem.podium.g)
+            yield from (" (", Quantity(shear * weight, "force"), ")")
+        if "peak_drift" in data:
+            drift = data["peak_drift"].values[survives]
+            yield from (", storey drift ", Quantity(float(drift.max()), "displacement"))
+            if problem.story_heights is not None:
+                ratio = float((drift / problem.story_heights).max())
+                yield from (" (", Quantity(ratio, "ratio"), " of the height)")
+        yield "."
 
 
 def _result_if_valid(check: Check) -> str:

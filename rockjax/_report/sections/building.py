@@ -7,12 +7,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockjax._report.blocks import Paragraph, Section
+from rockjax._report.blocks import Figure, Paragraph, Section
 from rockjax._report.cells import number_cell, peak_cell, slug
+from rockjax._report.pictures import to_svg
 from rockjax._report.tables import Cell, Column, Table, TextCell
 from rockjax._report.units import Units
 
-from .common import NO_SCENE, details, governing_motion, omitted_scenes, sets_with_scenes, surviving_scenes
+from .common import (
+    NO_SCENE,
+    details,
+    governing_motion,
+    governing_scene,
+    omitted_scenes,
+    sets_with_scenes,
+    stored_figure,
+    surviving_scenes,
+)
 
 if TYPE_CHECKING:
     from rockjax._report.evaluation import Evaluation
@@ -57,7 +67,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
             "No check was made with ground motions." if has_building else "The structure carries no building."
         )
         blocks.append(Paragraph(text))
-    blocks += details(evaluation, 6)
+    blocks += [*_picture(evaluation), *details(evaluation, 6)]
     return Section(6, "Building", tuple(blocks))
 
 
@@ -119,3 +129,28 @@ def _stories(evaluation: Evaluation, name: str) -> Table:
     note = omitted_scenes(data)
     caption = f"Storeys, set {name}" + (f" ({note})" if note else "")
     return Table(f"stories-{slug(name)}", caption, columns, tuple(rows))
+
+
+def _picture(evaluation: Evaluation) -> list[Figure]:
+    """Return the picture of the drifts and floor accelerations over the height under the governing motion of
+    the page, in a list; an empty list for a building without stories."""
+    scene = governing_scene(evaluation.scenes, sets_with_scenes(evaluation))
+    if scene is None:
+        return []
+    data = evaluation.scenes.history(*scene)
+    if "drift" not in data:
+        return []
+    name, k = scene
+    label = evaluation.problem.motions[name].names[k]
+
+    def draw() -> Figure:
+        from rockjax import plots
+
+        largest = float(np.nanmax(np.abs(data["drift"].values)))
+        title = f"Drifts and floor accelerations under {label}"
+        description = f"{title} of the set {name}, over the height; the largest drift is {largest:.4g} m."
+        caption = f"Largest drifts and floor accelerations under {label} of the set {name}."
+        svg = to_svg(plots.stories(data, label=label), "stories", title, description)
+        return Figure(svg, caption, title, description)
+
+    return [stored_figure(evaluation, "stories", (data.attrs["fingerprint"], name, label), draw)]

@@ -220,7 +220,7 @@ def _mass_rows(problem: Problem) -> Iterator[Equation]:
     """Yield the mass ratios. A structure by ratios has no masses to insert."""
     podium, structure = problem.podium, problem.structure
     given = lambda name: getattr(structure, name, None)
-    count = _column_count(problem)
+    count = column_count(problem)
 
     def numbers(mass: Any) -> Text:
         if mass is None or problem.column_mass is None or count is None:
@@ -238,7 +238,7 @@ def _mass_rows(problem: Problem) -> Iterator[Equation]:
         yield Equation(Formula("superstructure_mass_ratio"), numbers(masses), ratio, "2")
 
 
-def _column_count(problem: Problem) -> int | None:
+def column_count(problem: Problem) -> int | None:
     """Return the number of columns N; None for a structure by ratios without positions of the columns."""
     elevation = problem.podium.elevation
     if elevation is not None:
