@@ -211,7 +211,7 @@ def _compute(entry: Entry, kind: Kind, scenes: Scenes) -> Check:
         check,
         sensitivities=slopes if is_smooth else {},
         no_slopes=Check.no_slopes if is_smooth else "not smooth",
-        spread=_spread(check, scenes) if scenes.with_spread and kind.has_variants else {},
+        **(_spread(check, scenes) if scenes.with_spread and kind.has_variants else {}),
         laws=_laws(check, scenes) if kind.has_variants else {},
     )
 
@@ -305,7 +305,9 @@ def _violated(kind: Kind, entry: Entry, scenes: Scenes) -> tuple[str, ...]:
 def _sensitivities(check: Check, scenes: Scenes) -> dict[str, float]:
     """Return input y → d ln U/d ln y; empty if there are no derivatives or U is 0 or infinite."""
     u = check.utilisation
-    if check.kind.has_one_value or not math.isfinite(u) or u == 0 or not math.isfinite(check.value):
+    if check.kind.has_one_value:
+        return check.kind.known_slopes(check.entry, scenes) if math.isfinite(u) and u else {}
+    if not math.isfinite(u) or u == 0 or not math.isfinite(check.value):
         return {}
     assert check.values is not None
     weights = np.array(check.weights)
@@ -335,16 +337,21 @@ def _repeat(check: Check, scenes: Scenes, law: str | None = None, variation: str
     return _utilisations(check.entry, check.kind, values)[1], values
 
 
-def _spread(check: Check, scenes: Scenes) -> dict[str, tuple[float, float]]:
-    """Return input → (U with the input decreased, U with the input increased) [–], as for `Check.spread`."""
+def _spread(check: Check, scenes: Scenes) -> dict[str, dict[Any, Any]]:
+    """Return the fields `spread` and `spread_events` of a check."""
+    events: dict[tuple[str, int], str] = {}
 
     def utilisation(variation: str) -> float:
         (least, estimated, _), values = _repeat(check, scenes, variation=variation)
+        for k in _overturned_or_open(values)[:1]:
+            name = values.names[k] if values.names else ""
+            events[variation[:-1], "-+".index(variation[-1])] = f"{values.states[k]} ({name})"
         return math.nan if any(values.unanswered) and not least > 1 else estimated
 
     varied = {variation: utilisation(variation) for variation in scenes.variations}
     names = dict.fromkeys(variation[:-1] for variation in scenes.variations)
-    return {name: (varied.get(f"{name}-", math.nan), varied.get(f"{name}+", math.nan)) for name in names}
+    spread = {name: (varied.get(f"{name}-", math.nan), varied.get(f"{name}+", math.nan)) for name in names}
+    return {"spread": spread, "spread_events": events}
 
 
 def _laws(check: Check, scenes: Scenes) -> dict[str, tuple[float, str]]:

@@ -44,6 +44,8 @@ class Check:
     - `spread`: input → (U with the input decreased, U with the input increased); empty if not computed. U is
       NaN if the changed input is not valid, or if a scene has no decided answer and the others do not show
       that U > 1
+    - `spread_events`: (input, 0 or 1) → what makes the decreased (0) or increased (1) entry of `spread`
+      infinite, such as "overturned (motion 9)"
     - `laws`: law of impact → (U, result), where violated assumptions are ignored; empty if not computed
     """
 
@@ -64,6 +66,7 @@ class Check:
     sensitivities: Mapping[str, float] = dataclasses.field(default_factory=dict)
     no_slopes: str = "no derivative"
     spread: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
+    spread_events: Mapping[tuple[str, int], str] = dataclasses.field(default_factory=dict)
     laws: Mapping[str, tuple[float, str]] = dataclasses.field(default_factory=dict)
 
     @property

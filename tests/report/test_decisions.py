@@ -144,6 +144,7 @@ def test_one_overturned_motion_fails_every_statistic(tmp_path, statistic):
         assert f"M11: {text}" in check.reason or check.text == text
         assert {word for _, word in check.laws.values()} == {"FAIL"}
         assert check.spread["width"] == (math.inf, math.inf)
+        assert check.spread_events["width", 0] == f"{event} (M11)"
         assert check.sensitivities == {}
         assert math.isfinite(check.value) == (statistic in ("median", "p84"))
 

@@ -13,6 +13,7 @@ from optimise._problem import TARGETS
 from rockjax._boundaries.crossings import Crossings
 from rockjax._report import scales
 from rockjax._report.assemble import page_of
+from rockjax._report.blocks import Figure
 from rockjax._report.entry import Entry
 from rockjax._report.evaluate import decide, evaluate, needs_of_sets, utilisations_of
 from rockjax._report.kinds import KINDS, check_model, peaks, risk, searches
@@ -182,6 +183,7 @@ def test_a_check_without_its_input_is_not_made(tmp_path, check, reason):
         (SHARE + 'statistic = "mean"\n', "statistic must be left out"),
         (FLOORS + 'oscillators = ["pump"]\n', "oscillators must each be one of cabinet, got 'pump'"),
         (FLOORS.replace("period = 0.3", "period = 0.3\nlevel = 2"), "oscillators"),
+        (SCALE + 'unit = "mm"\n', r"targets\[0\]\.unit: overturning-scale is a number, got 'mm'; use '–'"),
         (FAILURE.replace("n = 61", "n = 1"), r"checks\[0\]\.motion\.n: must be"),
     ],
 )
@@ -214,6 +216,9 @@ def test_the_curve_of_risk(tmp_path):
     notices = KINDS["annual-frequency"].notices(unused.checks[0], report.evaluation.scenes)
     assert "C1 does not use its motions" in next(notices)
     assert {"fragility-given", "annual-c1"} <= report.tables.keys()
+    assert "Annual frequency of check C1" in [
+        block.title for block in report.page.sections[6].blocks if isinstance(block, Figure)
+    ]
     with pytest.raises(ValueError, match="needs both median and dispersion"):
         read(tmp_path, RISK + "median = 5.0\n")
     with pytest.raises(ValueError, match="`structure` applies only to a fragility model of OpenQuake"):

@@ -13,10 +13,12 @@ from rockjax._practice.registry import METHODS
 from rockjax._problem.reading import Reader
 from rockjax._report import formulas
 from rockjax._report.assemble import _unused_keys
+from rockjax._report.evaluation import Check
+from rockjax._report.kinds import KINDS
 from rockjax._report.plausibility import warnings_of
 from rockjax._report.problem import MotionSet
 from rockjax._report.report import _write_both
-from rockjax._report.sections import assumptions, instants, methods, motions, rocking
+from rockjax._report.sections import assumptions, influences, instants, methods, motions, rocking, summary
 from rockjax._report.sections.accuracy import open_energy
 from rockjax._report.tables import plain
 from rockjax._report.units import Units
@@ -122,6 +124,31 @@ def test_extremes_are_those_of_scenes_that_survive():
         ("peak_friction", 0, 1),
         ("peak_foundation_shear", -1, 0),
     ]
+
+
+def test_changes_name_what_overturns():
+    """The summary and section 8 name the motion that overturns with a changed input."""
+    entry, kind = SimpleNamespace(id="C1", motions="set", keys=SimpleNamespace(name="θ")), SimpleNamespace()
+    spread = {"width": (np.inf, 0.5), "height": (0.6, np.inf)}
+    events = {("width", 0): "overturned (M9)", ("height", 1): "joint opens (M3)"}
+    check = Check(entry, kind, "PASS", utilisation=0.6, spread=spread, spread_events=events)
+    text = plain(summary._spread(check), Units.si())
+    assert text == "from 0.50; overturned (M9) with width −; joint opens (M3) with height +"
+    rows = {row[0].text: row for row in influences._table(check).rows}
+    assert (rows["width"][2].text, rows["width"][2].state) == ("overturned (M9)", "overturned")
+    assert rows["height"][2].value == 0.6
+
+
+def test_derivatives_of_annual_frequencies_and_medians(monkeypatch):
+    """U is proportional to the frequency, and inversely proportional to the median."""
+    kinds = KINDS["annual-frequency"], KINDS["median-capacity"]
+    slopes = {"sensitivity": ("parameter", [-3.0, 0.9, -4.62, 0.1])}
+    annual = xarray.Dataset(slopes, coords={"parameter": ["median", "dispersion", "alpha", "gamma"]})
+    monkeypatch.setattr(type(kinds[0]), "_annual", lambda *_: annual)
+    assert kinds[0].known_slopes(None, None) == {"alpha": -4.62, "gamma": 0.1}
+    curve = xarray.Dataset({"median_sensitivity": ("parameter", [1.02])}, coords={"parameter": ["alpha"]})
+    monkeypatch.setattr(type(kinds[1]), "curve", lambda *_: curve)
+    assert kinds[1].known_slopes(None, None) == {"alpha": -1.02}
 
 
 def test_open_energy_of_a_history():

@@ -227,7 +227,7 @@ def test_changes_after_which_a_scene_does_not_finish(value, unanswered, expected
     kind = SimpleNamespace(values=values, is_minimum=False)
     entry = SimpleNamespace(limit=0.5, keys=SimpleNamespace(statistic="max"))
     check = Check(entry, kind, "PASS", utilisation=0.6)
-    spread = _spread(check, SimpleNamespace(variations=("width-", "width+")))
+    spread = _spread(check, SimpleNamespace(variations=("width-", "width+")))["spread"]
     assert spread["width"] == pytest.approx((0.6, expected), nan_ok=True)
     text = plain(summary._spread(Check(entry, kind, "PASS", utilisation=0.6, spread=spread)), Units.si(9.81))
     assert ("no value with width +" in text) == math.isnan(expected)

@@ -306,6 +306,12 @@ class Kind(abc.ABC):
         del entry, scenes, case
         return None
 
+    def known_slopes(self, entry: Entry, scenes: Scenes) -> dict[str, float]:
+        """Return parameter y → d ln U/d ln y of a check with a single value, as far as the derivatives are
+        known."""
+        del entry, scenes
+        return {}
+
     def tested_scenes(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
         """Return the scenes in which the assumptions of the model are tested; None if they are not tested."""
         return scenes.peaks(entry.motions) if entry.motions else None

@@ -84,6 +84,13 @@ class FragilityKind(Kind):
         value, unanswered = float(curve["median_capacity"]), _unfinished_records(curve)
         return one_value(value, unanswered=unanswered, interval=interval)
 
+    def known_slopes(self, entry: Entry, scenes: Scenes) -> dict[str, float]:
+        curve = self.curve(entry, scenes)
+        if "median_sensitivity" not in curve:
+            return {}
+        slopes = curve["median_sensitivity"]
+        return {str(y): -float(z) for y, z in zip(slopes["parameter"].values, slopes.values, strict=True)}
+
     def tested_scenes(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
         curve = self.curve(entry, scenes)
         factors = just_below(curve["scale"].values, curve["largest_scale"].values)
@@ -175,6 +182,11 @@ class AnnualKind(FragilityKind):
         return one_value(
             float(self._annual(entry, scenes)["frequency"]), unanswered=unanswered, remark=remark
         )
+
+    def known_slopes(self, entry: Entry, scenes: Scenes) -> dict[str, float]:
+        slopes = self._annual(entry, scenes)["sensitivity"]
+        known = zip(slopes["parameter"].values, slopes.values, strict=True)
+        return {str(y): float(z) for y, z in known if y not in ("median", "dispersion")}
 
     def tested_scenes(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
         return super().tested_scenes(entry, scenes) if entry.motions else None

@@ -48,8 +48,10 @@ def _table(check: Check) -> Table:
         ends = [TextCell("not computed", "none")] * 2
         if name in check.spread:
             ends = [
-                number_cell(u, "utilisation", text="no value" if math.isnan(u) else "no finite value")
-                for u in check.spread[name]
+                TextCell(check.spread_events[name, k], check.spread_events[name, k].partition(" (")[0])
+                if (name, k) in check.spread_events
+                else number_cell(u, "utilisation", text="no value" if math.isnan(u) else "no finite value")
+                for k, u in enumerate(check.spread[name])
             ]
         return TextCell(name), slope, *ends
 

@@ -149,11 +149,14 @@ def _spread(check: Check) -> Text:
         return "no value"
     lowest, highest = min(u for u, _ in changes), max(changes)
     least = Quantity(lowest, "utilisation") if math.isfinite(lowest) else ""
-    infinite = [name for u, name in changes if not math.isfinite(u)]
+    events = {f"{name} {'−+'[k]}": text for (name, k), text in check.spread_events.items()}
+    infinite = [
+        f"{events.get(name, 'no finite value')} with {name}" for u, name in changes if not math.isfinite(u)
+    ]
     missing = [name for name, u in utilisations.items() if math.isnan(u)]
     if infinite and math.isfinite(check.utilisation):
         beginning = ("from ", least, "; ") if least else ()
-        text: tuple[Any, ...] = (*beginning, f"no finite value with {_first_three(infinite)}")
+        text: tuple[Any, ...] = (*beginning, _first_three(infinite, "; "))
     elif infinite:
         text = ("from ", least) if least else ("no finite value",)
     else:
@@ -161,5 +164,5 @@ def _spread(check: Check) -> Text:
     return (*text, f"; no value with {_first_three(missing)}") if missing else text
 
 
-def _first_three(names: list[str]) -> str:
-    return ", ".join(names[:3]) + (" …" if len(names) > 3 else "")
+def _first_three(names: list[str], separator: str = ", ") -> str:
+    return separator.join(names[:3]) + (" …" if len(names) > 3 else "")
