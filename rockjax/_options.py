@@ -14,7 +14,7 @@ from rockjax._tree import Module
 from ._checks import as_strings, require
 from ._engine.methods import EXPLICIT, solver_of
 from ._outputs.base import AbstractOutput
-from ._outputs.registry import REGISTRY, name_if_registered
+from ._outputs.registry import REGISTRY, VARIABLES, name_if_registered
 from ._structures import Podium
 from ._text.representations import format_html
 
@@ -25,6 +25,31 @@ OUTPUTS = tuple(REGISTRY)
 DEFAULT_OUTPUTS = tuple(name for name, output in REGISTRY.items() if output.by_default)
 LEAST_ATOL = 1e-17  # smallest accepted `atol`
 HISTORY = 4096  # default of `Options.history`
+# Further names of answers and attributes of scenes, which no user-defined output may have.
+RESERVED = (
+    "exceeded_alpha", "overturned", "overturn_time", "uplifted", "uplift_time", "end_time", "impacts",
+    "smallest_impact_speed", "values", "sensitivities", "on_floors", "errors", "undecided", "result", "stats",
+    "steps", "user_outputs", "joints_closed", "energetic", "last_energetic", "fall", "fall_time",
+    "edge_distance",
+)  # fmt: skip
+
+
+def _check_names(output: AbstractOutput) -> None:
+    """Raise `ValueError` for a user-defined output with a name that is no identifier, or that has another
+    meaning."""
+    for name in (output.name, *(variable.name for variable in output.variables)):
+        if name in (*OUTPUTS, *VARIABLES, *RESERVED) or not name.isidentifier():
+            raise ValueError(
+                "Options: the name of a user-defined output and of each of its answers must be a Python "
+                f"identifier, and not the name of a built-in output or answer, got {name!r}"
+            )
+
+
+def _follows_steps(output: AbstractOutput) -> bool:
+    """Return whether a user-defined output overrides methods that the segments engine does not call."""
+    methods = "over_step", "at_impact", "update"
+    overrides = any(getattr(type(output), y) is not getattr(AbstractOutput, y) for y in methods)
+    return overrides and output.name not in REGISTRY
 
 
 def _normalise_outputs(outputs) -> tuple[str | AbstractOutput, ...]:
@@ -107,13 +132,9 @@ class Options(Module):
                 f"rockjax.AbstractOutput, got {self.outputs!r}"
             )
         for output in user_outputs:
-            if output.name in OUTPUTS or not output.name.isidentifier():
-                raise ValueError(
-                    f"Options: the name of a user-defined output must be a Python identifier, and not the "
-                    f"name of a built-in output, got {output.name!r}"
-                )
+            _check_names(output)
         for output in self.requested:
-            if output.needs_flat and self.engine != "flat":
+            if (output.needs_flat or _follows_steps(output)) and self.engine != "flat":
                 raise ValueError(
                     f"Options: the output {output.name!r} needs engine='flat', got {self.engine!r}"
                 )

@@ -100,6 +100,17 @@ def test_uplifted_frequency_is_an_eigenvalue_of_the_linearised_equations(eta):
     assert frequencies[1] == pytest.approx(float(podium.uplifted_frequency) ** 2, rel=1e-10)
 
 
+def test_uplifted_frequency_of_equal_roots():
+    """A massless superstructure whose frequency is that of rocking due to the tendons, ω_s² = 4p²κ sin²α/J
+    with J = 3γ + ¾(1 + λ) = 31; rounding of the difference of equal numbers is no error."""
+    kappa = np.random.default_rng(0).uniform(10.0, 1000.0, 100)
+    p2 = 0.75 * 9.80665 / 1.5
+    omega = np.sqrt(4 * p2 * kappa * math.sin(0.15) ** 2 / 31)
+    top = rj.Elastic(np.zeros(100), 2 * math.pi / omega, 0.05)
+    podium = rj.Podium(0.15, 1.5, 10.0, top, lam=1 / 3, restrainers=(rj.Tendon(0.0, kappa),))
+    np.testing.assert_allclose(podium.uplifted_frequency, omega, rtol=1e-6)
+
+
 def test_uplifted_frequency_limit():
     heavy = PODIUMS["elastic"].replace(superstructure=rj.Elastic(1e12, 0.5))
     ratio = float(heavy.uplifted_frequency) / (2 * math.pi / 0.5)

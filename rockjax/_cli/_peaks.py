@@ -28,7 +28,7 @@ def peaks(request: Request, console: Console, output: Output = "rockjax-peaks") 
     """Compute peaks of rotation, building and joints under each motion of a set, with estimated errors.
 
     Prints a row for each motion. If a motion overturns the columns, its row has the peaks until overturning.
-    Writes OUTPUT.nc and OUTPUT.png.
+    Writes OUTPUT.nc and, unless only numbers such as those of impacts are requested, OUTPUT.png.
 
     \b
     Examples:
@@ -40,14 +40,14 @@ def peaks(request: Request, console: Console, output: Output = "rockjax-peaks") 
 
     import rockjax as rj
     from rockjax._motions.provenance import describe_motions
-    from rockjax._outputs.registry import REGISTRY, suitable_outputs
+    from rockjax._outputs.registry import REGISTRY, suitable_outputs, variables_of
     from rockjax._responses.datasets import describe_options, describe_podium
     from rockjax._responses.peak import data_variables
     from rockjax._responses.variants import labelled_motion
     from rockjax._results import explain_failures
     from rockjax._text.tables import align_rows
 
-    files = parse_outputs(output, "rockjax-peaks").check(SINGLE_PICTURE)
+    files = parse_outputs(output, "rockjax-peaks")
     podium, settings = request.podium(), request.settings
     motions = request.motion_or_set(podium)
     motion, labels = labelled_motion("peaks", motions)
@@ -58,6 +58,8 @@ def peaks(request: Request, console: Console, output: Output = "rockjax-peaks") 
     for name in options.outputs:
         if isinstance(name, str) and name in REGISTRY and not REGISTRY[name].applies(podium):
             raise ValueError(f"peaks.outputs: this structure has no {name}; leave it out")
+    has_picture = any(variable.until_overturning for variable, _ in variables_of(options.outputs).values())
+    files.check(SINGLE_PICTURE if has_picture else ())
     with console.progress(len(labels), "motions") as bar:
         result = rj.peak_responses(
             podium, motion.scaled(settings.factor), t_end=settings.t_end, options=options, progress=bar
@@ -75,7 +77,8 @@ def peaks(request: Request, console: Console, output: Output = "rockjax-peaks") 
         },
     )
     console.write(files.data(), data)
-    console.draw(files.picture(), "peaks", data)
+    if has_picture:
+        console.draw(files.picture(), "peaks", data)
     console.json_object |= console.say_scenes(data, len(labels))
     rows = _rows(data)
     for line in align_rows(

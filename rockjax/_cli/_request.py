@@ -101,8 +101,7 @@ class Request:
         """Return the table `[options]`. For each key, the command line has priority over the file, and the
         file over the default of the command.
 
-        If the command line sets `rtol`, `atol` is 0.01 `rtol`, whatever the file states. `atol` is also 0.01
-        `rtol` if the command has a default of `rtol` and the file does not state `atol`.
+        If the command line sets `rtol`, `atol` is 0.01 `rtol`, whatever the file states.
         """
         names = [
             name for name in models.Options.model_fields if name in self.values and name not in self.keys
@@ -111,7 +110,7 @@ class Request:
         if not isinstance(table, dict):
             return table  # an error; `Reader.check` raises it with an explanation
         merged = {name: self.values[name] for name in names} | table | explicit
-        if "rtol" in explicit or ("rtol" in names and "atol" not in table):
+        if "rtol" in explicit:
             merged["atol"] = 0.01 * merged["rtol"] if isinstance(merged["rtol"], float) else None
         return {name: value for name, value in merged.items() if value is not None}
 
@@ -253,6 +252,11 @@ class Request:
             ratios, etas = [eta / gamma if gamma else float("inf") if eta else 0.0], [eta]
         else:
             ratios = settings.eta_over_gamma
+            if not gamma and any(ratios):
+                raise ValueError(
+                    "η/γ needs a beam; give --gamma > 0, or --eta (0 for no superstructure) instead of "
+                    "--eta-over-gamma"
+                )
             etas = [ratio * gamma for ratio in ratios]
         stories = _equal_stories(self.problem.structure) or self.values.get("stories")
         changed = [name for name in ("T_s", "zeta", "eta", "eta_over_gamma") if name in explicit_keys]

@@ -15,6 +15,7 @@ def certificate(scene: Scene, plan: Plan, state: LoopState, piece: Index, ground
 
     This is the case if the columns stay inside the potential well (see `bounds.py`) or never lift again, and
     every output confirms that its accumulator (its value up to the present time) can no longer change.
+    Columns that never lifted must rest for good, because every scene also answers whether and when they lift.
 
     - `scene`: the prepared scene; `plan`: settings that are fixed at compilation, such as the outputs
     - `state`: state after a step
@@ -24,6 +25,8 @@ def certificate(scene: Scene, plan: Plan, state: LoopState, piece: Index, ground
     """
     bounds = Bounds.after_step(scene, state, piece, ground, plan.follows_contact)
     final = bounds.stays_inside | bounds.rests
+    if plan.follows_contact:
+        final &= state.uplifted | bounds.rests
     for output, accumulator in zip(plan.outputs, state.accumulators, strict=True):
         final &= output.is_final(bounds, accumulator)
     return final

@@ -135,13 +135,10 @@ def _max_step(c: Coefficients) -> Value:
 
 
 def _max_excited_step(excitation: AbstractExcitation, max_step: Value, options: Options) -> Value:
-    """Return the longest step during the ground motion [s]: a sixteenth of the duration of the motion, but at
-    most `max_step`. If the motion has two components, the shorter duration counts."""
-    start, excitation_end = excitation.support
-    duration = excitation.shorter if isinstance(excitation, GroundMotion) else excitation_end - start
-    max_excited_step = jnp.where(
-        duration > 0, jnp.minimum(max_step, options._stride * duration / 16), max_step
-    )
+    """Return the longest step during the ground motion [s]: the longest step that follows the motion, but at
+    most `max_step`."""
+    longest = excitation.longest_step()
+    max_excited_step = jnp.where(longest > 0, jnp.minimum(max_step, options._stride * longest), max_step)
     is_pair = isinstance(excitation, GroundMotion)
     components = (excitation.horizontal, excitation.vertical) if is_pair else (excitation,)
     intervals = [component.sampling.dt for component in components if isinstance(component, AbstractSampled)]

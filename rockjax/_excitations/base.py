@@ -172,6 +172,17 @@ class AbstractExcitation(Module):
         del piece, t, ahead, now
         return None
 
+    def longest_step(self) -> Number:
+        """Return the longest step that follows the motion [s], or 0 for a motion without duration.
+
+        In full contact of a rigid podium no error limits the steps, and the uplift demand is a quintic
+        polynomial through both ends of a step. By default, the motion counts as smooth over a sixteenth of
+        its duration. Motions with several oscillations return less. Of two components, the shorter length
+        counts, and a component without duration is ignored.
+        """
+        start, end = self.support
+        return (end - start) / 16
+
     def lowest(self) -> tuple[Value, Value]:
         """Return the minimum of ü_g [m/s²], which may be positive, and its time [s], for a single motion.
 

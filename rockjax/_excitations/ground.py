@@ -74,7 +74,7 @@ class GroundMotion(AbstractExcitation):
     vertical: AbstractExcitation = eqx.field(converter=_component("vertical"))
 
     def __check_init__(self):
-        if self.horizontal.most_pieces * self.vertical.most_pieces >= MAX_PIECES:
+        if self.most_pieces >= MAX_PIECES:
             raise ValueError(
                 "GroundMotion: the product of the numbers of pieces of horizontal and vertical must be "
                 f"below 2³¹, got {self.horizontal.most_pieces} and {self.vertical.most_pieces}; "
@@ -86,13 +86,9 @@ class GroundMotion(AbstractExcitation):
         (start, end), (other_start, other_end) = self.horizontal.support, self.vertical.support
         return jnp.minimum(start, other_start), jnp.maximum(end, other_end)
 
-    @property
-    def shorter(self) -> Number:
-        """Duration of the shorter component [s]. A component of zero duration is ignored; if both have zero
-        duration, the result is 0."""
-        durations = [end - start for start, end in (self.horizontal.support, self.vertical.support)]
-        durations = [jnp.where(duration > 0, duration, jnp.inf) for duration in durations]
-        shorter = jnp.minimum(*durations)
+    def longest_step(self) -> Number:
+        lengths = [motion.longest_step() for motion in (self.horizontal, self.vertical)]
+        shorter = jnp.minimum(*[jnp.where(length > 0, length, jnp.inf) for length in lengths])
         return jnp.where(jnp.isfinite(shorter), shorter, 0.0)
 
     @property
@@ -229,6 +225,26 @@ class GroundMotion(AbstractExcitation):
         curvature = motion.horizontal.curvature() + tilt * motion.vertical.curvature()
         horizontal = motion.horizontal.lookahead(level)
         return PairLookahead(motion, horizontal, vertical, threshold, tilt, curvature)
+
+
+class SharedPieces(GroundMotion):
+    """A ground motion whose two components have the same breakpoints, such as the motion of a floor. Piece i
+    of the pair combines piece i of both components, so the number of pieces is that of one component."""
+
+    @property
+    def breakpoints(self) -> Float[Array, "*batch n"]:
+        return self.horizontal.breakpoints
+
+    @property
+    def most_pieces(self) -> int:
+        return self.horizontal.most_pieces
+
+    def _combined_index(self, i: Any, j: Any) -> Any:
+        del j
+        return i
+
+    def parts(self, index: Index) -> tuple[Index, Index]:
+        return index, index
 
 
 @dataclasses.dataclass(frozen=True)

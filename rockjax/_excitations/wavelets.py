@@ -24,14 +24,24 @@ from rockjax._types import Index, Number, Value
 
 from .base import AbstractExcitation, AbstractLookahead, size_on
 
+# Largest fraction of the period in a step. The quintic polynomial through both ends of a step is then within
+# (2π/3)⁶/46080 = 0.2 % of a harmonic.
+LONGEST_STEP = 1 / 3
+SAMPLES_OF_TWO_PERIODS = 257  # number of samples in the search for the largest |ü_g|
+
 
 class _BoundedLookahead(AbstractLookahead):
-    """Lookahead of a smooth motion with |ü_g| ≤ `amplitude` [m/s²] and |d²ü_g/dt²| ≤ `curvature` [m/s⁴]."""
+    """Lookahead of a smooth motion with |ü_g| ≤ `amplitude` [m/s²] and |d²ü_g/dt²| ≤ `curvature` [m/s⁴].
+
+    The motion is a harmonic with an envelope that decreases with |t|. In `period` [s], the phase of the
+    harmonic increases by at least 2π.
+    """
 
     motion: AbstractExcitation
     threshold: Value | None
     amplitude: Value
     curvature: Value
+    period: Value
 
     def next_exceedance(self, t: Value, piece: Index) -> Value:
         """Return the first time ≥ t at which |ü_g| exceeds the threshold [s], or inf if there is none.
@@ -79,9 +89,13 @@ class _BoundedLookahead(AbstractLookahead):
     def highest_time(self, start: Value, end: Value, side: Value | None = None) -> Value:
         first, last = self.motion.support
         start, end = jnp.clip(start, first, last), jnp.clip(end, first, last)
-        times = start + (end - start) * jnp.linspace(0.0, 1.0, 1025)
-        spacing = (end - start) / 1024
-        best = times[jnp.argmax(size_on(side, self.motion(times)))]
+        # The envelope is largest at t = 0, and both signs occur in a period. The maximum is therefore at most
+        # one period away from that time of the interval at which the envelope is largest.
+        nearest = jnp.clip(0.0, start, end)
+        start, end = jnp.maximum(start, nearest - self.period), jnp.minimum(end, nearest + self.period)
+        times = start + (end - start) * jnp.linspace(0.0, 1.0, SAMPLES_OF_TWO_PERIODS)
+        spacing = (end - start) / (SAMPLES_OF_TWO_PERIODS - 1)
+        best = times[jnp.argmax(_with_tops(size_on(side, self.motion(times))))]
         # Newton's method finds a zero of the slope between the neighbouring samples.
         formula = self.motion.piece(self.motion.locate(best))
         slope = jax.grad(formula)
@@ -95,6 +109,16 @@ class _BoundedLookahead(AbstractLookahead):
             )
         size = lambda t: size_on(side, formula(t))
         return jnp.where(size(refined) > size(best), refined, best)
+
+
+def _with_tops(values: Array) -> Array:
+    """Return equally spaced values of a quantity, in which each local maximum is replaced by the top of the
+    parabola through it and its neighbours."""
+    before, middle, after = values[:-2], values[1:-1], values[2:]
+    bend = before - 2 * middle + after
+    is_top = (middle >= before) & (middle >= after) & (bend < 0)
+    rise = (after - before) ** 2 / (8 * jnp.where(is_top, -bend, 1.0))
+    return values.at[1:-1].add(jnp.where(is_top, rise, 0.0))
 
 
 class MavroeidisPapageorgiou(AbstractExcitation):
@@ -126,6 +150,9 @@ class MavroeidisPapageorgiou(AbstractExcitation):
     @property
     def breakpoints(self) -> Float[Array, "*batch n"]:
         return jnp.stack(jnp.broadcast_arrays(*self.support), axis=-1)
+
+    def longest_step(self) -> Number:
+        return jnp.minimum(super().longest_step(), LONGEST_STEP / self.f_p)
 
     def scaled(self, factor) -> Self:
         return dataclasses.replace(self, A=product(factor, self.A))
@@ -161,7 +188,7 @@ class MavroeidisPapageorgiou(AbstractExcitation):
 
     def lookahead(self, threshold: Value | None) -> AbstractLookahead:
         motion: MavroeidisPapageorgiou = jax.lax.stop_gradient(self)
-        return _bounded_lookahead(motion, threshold, *self._bounds())
+        return _bounded_lookahead(motion, threshold, *self._bounds(), 1 / motion.f_p)
 
 
 class Gabor(AbstractExcitation):
@@ -193,6 +220,9 @@ class Gabor(AbstractExcitation):
     def breakpoints(self) -> Float[Array, "*batch n"]:
         return jnp.zeros((*jnp.broadcast_shapes(self.T_p.shape, self.gamma.shape), 0))
 
+    def longest_step(self) -> Number:
+        return jnp.minimum(super().longest_step(), LONGEST_STEP * self.T_p)
+
     def scaled(self, factor) -> Self:
         return dataclasses.replace(self, a_p=product(factor, self.a_p))
 
@@ -222,11 +252,11 @@ class Gabor(AbstractExcitation):
         return amplitude, curvature
 
     def lookahead(self, threshold: Value | None) -> AbstractLookahead:
-        return _bounded_lookahead(jax.lax.stop_gradient(self), threshold, *self._bounds())
+        motion: Gabor = jax.lax.stop_gradient(self)
+        return _bounded_lookahead(motion, threshold, *self._bounds(), motion.T_p)
 
 
-def _bounded_lookahead(motion, threshold, amplitude, curvature) -> AbstractLookahead:
+def _bounded_lookahead(motion, threshold, amplitude, curvature, period) -> AbstractLookahead:
     threshold = None if threshold is None else jax.lax.stop_gradient(threshold)
-    return _BoundedLookahead(
-        motion, threshold, amplitude, jnp.maximum(curvature, jnp.finfo(curvature.dtype).tiny)
-    )
+    curvature = jnp.maximum(curvature, jnp.finfo(curvature.dtype).tiny)
+    return _BoundedLookahead(motion, threshold, amplitude, curvature, period)

@@ -30,8 +30,11 @@ from rockjax._excitations.sampled import (
     pad_samples,
 )
 from rockjax._types import Index, Value
+from rockjax._unit_warnings import warn_about_units
 
 from .accelerogram import warn_if_implausible
+
+LATEST_START = 1e5  # |t_start| above which a record causes a warning [s]
 
 
 class Record(AbstractSampled):
@@ -56,6 +59,15 @@ class Record(AbstractSampled):
     def __check_init__(self):
         require_positive("Record", dt=self.dt)
         require_finite("Record", scale=self.scale, t_start=self.t_start)
+        start = concrete(self.t_start)
+        if start is not None and np.any(np.abs(start) > LATEST_START):
+            latest = float(np.max(np.abs(start)))
+            warn_about_units(
+                f"Record: t_start = {latest:.6g} s; times of this size are rounded to "
+                f"{np.spacing(latest):.1g} s, which limits the accuracy of events; is it a calendar time? "
+                "Subtract the time of the first sample",
+                stacklevel=4,
+            )
         shape = self.acceleration.shape
         if len(shape) == 0 or shape[-1] < 2:
             raise ValueError(f"Record: acceleration must hold at least two samples, got shape {shape}")

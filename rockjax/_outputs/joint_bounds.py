@@ -212,7 +212,8 @@ class JointBounds:
             stiffness = jnp.sqrt(modes.omega2 + modes.damping**2)
             weights = jnp.abs(modal + zero) * stiffness + jnp.abs(sway) * c.etas / jnp.sqrt(modes.omega2)
             others = others + not_none(self.bounds).modal_sum(weights)
-        return axial * (c.g - self.vertical) - others, axial * (c.g + self.vertical) + others
+        others = others + jnp.abs(axial) * self.vertical
+        return axial * c.g - others, axial * c.g + others
 
     def _vibration(
         self, rotation: Rotation, modal: Values | float, turned: Span, sway: Value | float, rates: Span
@@ -315,7 +316,8 @@ class JointBounds:
             axial = mass * share
             turning = _sum((c.two_R * axial, rotation.sin), (-c.two_R * beam, rotation.cos))
             centripetal = _sum((c.two_R * axial, rotation.cos), (c.two_R * beam, rotation.sin))
-            of_devices = share * devices.least_vertical, share * jnp.maximum(devices.largest, 0.0)
+            forces = devices.least_vertical, jnp.maximum(devices.largest, 0.0)
+            of_devices = _product((share, share), forces)
             for span in (
                 self._extremes(rotation, axial, turning, centripetal, -beam, modal, sway),
                 self._extremes_in_contact(axial, beam, modal, sway),

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 
 from rockjax._engine.coefficients import Coefficients, not_none
+from rockjax._sincos import sincos
 from rockjax._types import Flag, Value
 
 from .joint_forces import mean_forces
@@ -28,7 +29,8 @@ def _leaning(c: Coefficients, beam: BeamCurvatures, start: Value, end: Value, cu
     - `start`, `end`: N at the ends of the interval; `curvature`: bound on h²|d²N/dt²|, all [m/s²]
     """
     # Bounds on |tan ψ|, h|d tan ψ/dt| and h²|d² tan ψ/dt²|.
-    tan, per_angle = c.sin_alpha / c.cos_alpha, 1 / c.cos_alpha**2
+    sin, cos = sincos(beam.psi)
+    tan, per_angle = sin / cos, 1 / cos**2
     tan_rate = beam.first * per_angle
     tan_curvature = (beam.second + 2 * tan * beam.first**2) * per_angle
     return (
@@ -65,7 +67,7 @@ class SampleForces(NamedTuple):
         else:
             arms = not_none(joints.arms)
             half_width = 0.5 * c.two_R * c.sin_alpha
-            change = arms.beam * beam.horizontal + half_width * rising[1]
+            change = jnp.abs(arms.beam) * beam.horizontal + half_width * rising[1]
             mean = [mean_forces(c, sigma, *y).top[1] for y in (sample.start, sample.end)]
             if arms.raised is not None:
                 change = change + arms.raised * _leaning(c, beam, *mean, rising[1])

@@ -111,12 +111,14 @@ class BeamCurvatures(NamedTuple):
 
     - `horizontal`, `vertical`: bounds on h²|d²ü_b/dt²| and h²|d²v̈_b/dt²|, Eqs. (14), (15) [m/s²]
     - `first`, `second`: bounds on h|θ̇| and h²|θ̈| [rad]
+    - `psi`: bound on |ψ|, at least α, and above α only if |θ| exceeds 2α [rad]
     """
 
     horizontal: Value
     vertical: Value
     first: Value
     second: Value
+    psi: Value
 
 
 def beam_curvatures(sample: Sample) -> BeamCurvatures:
@@ -138,10 +140,14 @@ def beam_curvatures(sample: Sample) -> BeamCurvatures:
     by_angle = h * h * (c.gravity + c.ground * ground) / c.inertia * (second + first * first)
     by_ground = 2 * h * h * c.ground / c.inertia * jnp.abs(grounds[1] - grounds[0]) * first
     even, odd = 4 * first * third + 3 * second * second + first**4, 6 * first * first * second
-    by_rotation = c.sin_alpha * even + odd
+    # θ is monotone in the interval, so |ψ| is largest at an end, or at most α.
+    turned = [jnp.abs(sample.sigma * c.alpha - y[1][0]) for y in (sample.start, sample.end)]
+    psi = jnp.maximum(c.alpha, jnp.maximum(*turned))
+    sin = jnp.where(psi > c.alpha, psi, c.sin_alpha)
+    by_rotation = sin * even + odd
     horizontal = c.two_R * (by_angle + by_ground + by_rotation) / (h * h)
-    vertical = c.two_R * (even + c.sin_alpha * (by_angle + by_ground + odd)) / (h * h)
-    return BeamCurvatures(horizontal, vertical, first, second)
+    vertical = c.two_R * (even + sin * (by_angle + by_ground + odd)) / (h * h)
+    return BeamCurvatures(horizontal, vertical, first, second, psi)
 
 
 def beam_bound(bounces: Bounces) -> Value:

@@ -22,7 +22,7 @@ from rockjax._excitations.pulses import PULSES
 from rockjax._motions.motion import Motion, Motions
 from rockjax._motions.readers import read_motion, read_suite
 from rockjax._motions.synthetic import synthetic_motions
-from rockjax._options import Options
+from rockjax._options import LEAST_ATOL, Options
 from rockjax._parameters.registry import STRUCTURE
 from rockjax._parameters.variants import pulse_acceleration, pulse_period
 from rockjax._restrainers import KINDS
@@ -111,8 +111,11 @@ class Reader:
 
     def options(self, given: models.Options, **defaults: Any) -> Options:
         """Return the options of the solver. `defaults` are values of keys that neither the command line nor
-        the file sets. A scene that does not finish raises no error, unless the file sets `throw`."""
+        the file sets. If only `rtol` is set, `atol` is 0.01 `rtol`. A scene that does not finish raises no
+        error, unless the file sets `throw`."""
         arguments: dict[str, Any] = {"throw": False} | defaults | given.as_arguments()
+        if "rtol" in arguments and "atol" not in arguments:
+            arguments["atol"] = max(0.01 * arguments["rtol"], LEAST_ATOL)
         with self.errors_at("options"):
             return Options(**arguments)
 

@@ -21,7 +21,7 @@ from rockjax._engine.flat import solve_scene
 from rockjax._engine.scene import plan_for, prepare
 from rockjax._engine.solve import answers
 from rockjax._excitations.base import AbstractExcitation
-from rockjax._excitations.ground import GroundMotion
+from rockjax._excitations.ground import SharedPieces
 from rockjax._options import Options
 from rockjax._oscillators import next_turns
 from rockjax._outputs.base import AbstractOutput
@@ -97,7 +97,7 @@ def _rock(
     """
     outputs = "peak_rotation", "margin", "peak_friction", JoltFriction()
     options = options.replace(outputs=outputs, overturn_ratio=block.overturn_ratio)
-    motion = GroundMotion(*map(course.motion, weights))
+    motion = SharedPieces(*map(course.motion, weights))
     solitary = block.block(g)
     floats, integers, _ = _solve(solitary, motion, course.end, options, reversible)
     joints, impacts = floats["peak_friction"][BOTTOM], integers["impacts"]

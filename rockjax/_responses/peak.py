@@ -227,9 +227,8 @@ def _impacts(floats, integers, options: Options, history: bool):
     """Return the number of impacts, or NaN where it may not be final. Arguments as for `peak_fields`.
 
     A scene with the result `settled` ended when all outputs were final. Its number of impacts is final in
-    three cases: the number was requested; the scene has a history; or the rotation or the margin was
-    requested and the columns never lifted. In the third case the number is zero: a later uplift would change
-    the rotation and the margin, so the scene ends only when no uplift can follow.
+    three cases: the number was requested; the scene has a history; or the columns never lifted. In the third
+    case the number is zero: the scene ends only when no uplift can follow.
     """
     answers = integers["code"], integers["impacts"], integers["uplifted"]
     is_traced, is_jax = any(isinstance(y, Tracer) for y in answers), isinstance(answers[1], jax.Array)
@@ -238,7 +237,7 @@ def _impacts(floats, integers, options: Options, history: bool):
     is_final = (code == results.OVERTURNED) | (code == results.END_OF_TIME)
     if history or "impacts" in options.outputs:
         is_final |= code == results.SETTLED
-    elif {"peak_rotation", "margin"} & set(options.outputs):
+    else:
         is_final |= (code == results.SETTLED) & ~uplifted
     numpy = jnp if is_traced else np
     impacts = numpy.where(is_final, count.astype(floats["end_time"].dtype), np.nan)

@@ -485,7 +485,9 @@ class Podium(Module):
         inertia = 0.75 * mass_term + 3 * (self.eta + (0.0 if mu is None else mu)) * sin2
         stiffness_term = 0.0 if kappa is None else 4 * self.p**2 * kappa * sin2
         middle = 0.5 * (stiffness_term + omega2 * (inertia + 3 * self.eta * (1 - sin2)))
-        return jnp.sqrt((middle + jnp.sqrt(middle**2 - inertia * stiffness_term * omega2)) / inertia)
+        # Rounding can make the square negative if both roots are equal.
+        square = jnp.maximum(middle**2 - inertia * stiffness_term * omega2, 0.0)
+        return jnp.sqrt((middle + jnp.sqrt(square)) / inertia)
 
     def equivalent_block(self) -> Podium:
         """Return the solitary block (λ = 1/3) that rocks exactly like this frame under every excitation.

@@ -45,7 +45,7 @@ def _history_with_joints(response: Response | xarray.Dataset) -> xarray.Dataset:
                 "Options(outputs=('axial_force',)), or pass the rockjax.Response"
             )
         data = with_joints(data, response)
-    data.coords["dead_load"] = "joint", np.asarray(podium_of(data.attrs).dead_load)
+    data = data.assign_coords(dead_load=("joint", np.asarray(podium_of(data.attrs).dead_load)))
     return data.isel(joint=data["dead_load"].values > 0)
 
 

@@ -36,10 +36,14 @@ def peaks(dataset: xarray.Dataset, outputs: Sequence[str] | None = None) -> Figu
     right edge marks a value that is not finite. For example, the friction demand is infinite if a joint
     opens.
 
-    Raises `ValueError` for outputs that the dataset does not have.
+    Raises `ValueError` for outputs that the dataset does not have, and for a dataset without peaks.
     """
     available = [name for name, (y, _) in VARIABLES.items() if name in dataset and y.until_overturning]
     names = available if outputs is None else list(outputs)
+    if not names:
+        raise ValueError(
+            "plots.peaks: the dataset has no peaks to draw; request an output such as 'peak_rotation'"
+        )
     for name in names:
         if name not in available:
             raise ValueError(f"plots.peaks: outputs must be among {', '.join(available)}; got {name!r}")

@@ -24,6 +24,7 @@ from rockjax._cli import app, main
 from rockjax._cli._context import MASSES
 from rockjax._cli._response import residual_share
 from rockjax._problem import models
+from rockjax._problem.reading import Reader
 from rockjax._results import OUT_OF_STEPS, OVERTURNED
 from tests.scenes import Stops
 
@@ -213,6 +214,27 @@ def test_files_of_panels_state_no_mass_that_an_option_replaced():
     assert MASSES.get() == masses | {"top_mass_kg": 300e3}
     panels("--eta-over-gamma", 5, table=table)
     assert MASSES.get() == masses
+
+
+def test_panels_without_a_beam_need_eta():
+    for table in (
+        None,
+        {"structure": {"alpha": 0.2, "R": 1.5, "gamma": 0.0}, "spectrum": {"eta_over_gamma": [5]}},
+    ):
+        with pytest.raises(ValueError, match="η/γ needs a beam; give --gamma > 0, or --eta"):
+            panels(*(() if table else ("--gamma", 0)), table=table)
+    alone = panels("--gamma", 0, "--eta", 0, "--T-s", 0)
+    assert (alone.ratios, len(alone.podiums)) == ([0.0], 1)
+    assert float(panels("--gamma", 0, "--eta", 5).podiums[0].eta) == 5.0
+
+
+def test_atol_follows_rtol():
+    """In every problem, also of commands without a default of `rtol`."""
+    read = lambda **keys: Reader().options(models.Options(**keys)).atol
+    assert read(rtol=1e-6) == pytest.approx(1e-8, rel=1e-12)
+    assert read(rtol=1e-14) == pytest.approx(1e-16, rel=1e-12)
+    assert read(rtol=1e-6, atol=1e-9) == 1e-9
+    assert read() == rj.Options().atol
 
 
 def test_options_and_file_determine_the_panels():
@@ -806,6 +828,12 @@ def test_peaks_of_every_motion_of_a_set(run, tmp_path):
     assert json.loads(out)["motions"][0]["result"] == "overturned"
     code, _, err = run("peaks", problem, "--outputs", "peak_drift")
     assert (code, "peak_drift" in err) == (2, True)
+    code, out, _ = run("peaks", problem, "--outputs", "impacts", "-o", "numbers")
+    assert (code, "impacts" in out) == (0, True)
+    assert (tmp_path / "numbers.nc").exists()
+    assert not (tmp_path / "numbers.png").exists()
+    code, _, err = run("plot", "numbers.nc")
+    assert (code, "no peaks to draw" in err) == (2, True)
 
 
 def test_cells_of_peaks_without_a_finite_value():

@@ -244,3 +244,17 @@ def test_nothing_is_certain_above_the_well(devices):
     a = (top - start) / (math.sqrt(bounds.max_energy) - start)
     assert Bounds(podium, a * (1 - 1e-9), 0.0, 0.03, 0.0).certain("peak", peak=1.0)
     assert not Bounds(podium, a * (1 + 1e-9), 0.0, 0.03, 0.0).certain("peak", peak=1.0)
+
+
+def test_an_uplift_after_all_peaks_are_certain():
+    """The deformation of the first ten seconds remains the largest, and then a single sample of 5 m/s², above
+    the threshold g tan α (½+γ+η)/(½+γ) = 1.623 m/s², lifts the columns."""
+    t = np.arange(1750) * 0.02
+    samples = np.where(t < 10.0, np.sin(np.pi * t), 0.0)
+    samples[1500] = 5.0
+    podium = rj.Podium(ALPHA, R, 10.0, rj.Elastic(1.0, 2.0, 0.05))
+    for outputs in (("peak_deformation",), ("peak_rotation", "peak_deformation")):
+        found = rj.peak_response(podium, rj.Record(samples, 0.02), options=rj.Options(outputs=outputs))
+        assert bool(found.uplifted)
+        assert 29.98 < float(found.uplift_time) < 30.0
+        assert 0.1 < float(np.max(found.peak_deformation)) < 1.0

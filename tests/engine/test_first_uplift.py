@@ -6,6 +6,7 @@ here. Without an elastic superstructure, SciPy finds the uplift as a root of the
 the demand from Duhamel's integral.
 """
 
+import itertools
 import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -18,7 +19,10 @@ from scipy.optimize import brentq
 
 import rockjax as rj
 from rockjax._engine.fast_forward.rest import advance_to_uplift
+from rockjax._engine.flat import is_running
 from rockjax._engine.scene import plan_for, prepare
+from rockjax._engine.step import step
+from rockjax._responses.floor_course import without_fast_forwards
 
 ALPHA, R, GAMMA, ETA = 0.15, 1.5, 10.0, 20.0
 UPLIFT = 9.80665 * math.tan(ALPHA)
@@ -46,14 +50,14 @@ def _antisymmetric(tau):
     return shape(2 * math.pi * tau / math.sqrt(3)) / -shape(math.sqrt(3 - math.sqrt(6)))
 
 
-def _mavroeidis(tau):
-    wide, turn = 2 * math.pi * tau / CYCLES, 2 * math.pi * tau + PHASE
-    return -0.5 * (np.sin(wide) * np.cos(turn) / CYCLES + (1 + np.cos(wide)) * np.sin(turn))
+def _mavroeidis(tau, cycles=CYCLES):
+    wide, turn = 2 * math.pi * tau / cycles, 2 * math.pi * tau + PHASE
+    return -0.5 * (np.sin(wide) * np.cos(turn) / cycles + (1 + np.cos(wide)) * np.sin(turn))
 
 
-def _gabor(tau):
+def _gabor(tau, cycles=CYCLES):
     turn = 2 * math.pi * tau
-    return np.exp(-0.5 * (turn / CYCLES) ** 2) * np.cos(turn + PHASE)
+    return np.exp(-0.5 * (turn / cycles) ** 2) * np.cos(turn + PHASE)
 
 
 _sine, _cosine = (lambda tau: np.sin(2 * math.pi * tau)), (lambda tau: np.cos(2 * math.pi * tau))
@@ -127,6 +131,36 @@ def test_pairs_lift_at_the_root_of_the_combined_signal(name):
                 exact = first_root(over, pulse.start, pulse.end, 4001)
                 found = float(uplift(pair(ratio, T_p, T_v)))
                 assert found == pytest.approx(exact * T_p, rel=1e-12, abs=1e-14 * T_p, nan_ok=True)
+
+
+@pytest.mark.parametrize("name", ["Gabor", "MavroeidisPapageorgiou"])
+def test_full_contact_that_is_integrated_ends_at_the_root_of_the_wavelet(name):
+    """No error limits steps in full contact, but they are shorter than the oscillations of the wavelet."""
+    podium, options = rj.Podium(ALPHA, R, GAMMA), rj.Options()
+    plan = without_fast_forwards(plan_for(podium, options, history=False))
+
+    @jax.jit
+    def uplift(a_p, T_p, cycles):
+        pulses = {
+            "Gabor": lambda: rj.Gabor(a_p, T_p, cycles, PHASE),
+            "MavroeidisPapageorgiou": lambda: rj.MavroeidisPapageorgiou(
+                a_p * T_p / (2 * math.pi), 1 / T_p, cycles, PHASE
+            ),
+        }
+        scene, state = prepare(podium, pulses[name](), rj.State(), None, options, plan)
+        is_still = lambda state: ~state.uplifted & is_running(state, 500)
+        return jax.lax.while_loop(is_still, lambda state: step(scene, plan, state)[0], state).uplift_time
+
+    shapes: dict[str, Callable] = {"Gabor": _gabor, "MavroeidisPapageorgiou": _mavroeidis}
+    for cycles in (4.0, 12.0):
+        start, end = (-1.45 * cycles, 1.45 * cycles) if name == "Gabor" else (-0.5 * cycles, 0.5 * cycles)
+        highest = np.abs(shapes[name](np.linspace(start, end, 100_001), cycles)).max()
+        for T_p, ratio in itertools.product((0.3, 0.6), (1.02, 1.04, -1.1)):
+            a_p = ratio / highest
+            over = lambda tau, a=a_p, cycles=cycles: np.abs(a * shapes[name](tau, cycles)) - 1
+            exact = first_root(over, start, end, 20_001)
+            found = float(uplift(a_p * UPLIFT, T_p, cycles))
+            assert found == pytest.approx(exact * T_p, abs=1e-6 * T_p)
 
 
 class Oscillator(NamedTuple):

@@ -6,6 +6,7 @@ solves for all joint forces at once, along its own solution of the motion.
 
 import dataclasses
 import functools
+import itertools
 import math
 from typing import Any, NamedTuple
 
@@ -17,11 +18,12 @@ import pytest
 import rockjax as rj
 from rockjax._engine.bounds import Bounds
 from rockjax._engine.coefficients import coefficients, not_none
-from rockjax._engine.model import acceleration
+from rockjax._engine.model import acceleration, restraint_bound
 from rockjax._engine.scene import plan_for, prepare
 from rockjax._excitations.base import Shaking
 from rockjax._outputs import joint_forces as joints
-from rockjax._outputs.joint_bounds import JointBounds
+from rockjax._outputs.joint_bounds import JointBounds, Rotation
+from rockjax._outputs.joints import end_offsets
 from tests import restrained
 from tests.reference_joints import peaks, structure_of
 
@@ -1040,6 +1042,35 @@ def test_no_later_force_is_beyond_its_bound(name):
     assert np.all(most[first] <= bounds["most"][inside] + 1e-9 * size)
     assert np.all(shear[first] <= bounds["shear"][inside] + 1e-9 * size)
     assert np.all(friction[first] <= bounds["friction"][inside] + 1e-9)
+
+
+def test_bounds_on_columns_that_the_joint_forces_unload():
+    """Columns at 0, 2B and 2B have the core distance 2B/3, less than B, so weights and tendons above their
+    corners unload the first column."""
+    width = 2 * 1.5 * math.sin(0.15)
+    podium = rj.Podium(
+        0.15, 1.5, 10.0, restrainers=(rj.Tendon(0.0, 2000.0),),
+        elevation=rj.Elevation((0.0, width, width), 1e-6),
+    )  # fmt: skip
+    c = coefficients(podium.split_rows().resolved(), 1e-8, True, True)
+    zero, one, angle, vertical = jnp.zeros(()), jnp.ones(()), jnp.asarray(0.05), jnp.asarray(2.0)
+    ground = 0.999 * c.uplift * (c.g + vertical) / c.g
+    sin, cos = (jnp.sin(0.1), c.sin_alpha), (c.cos_alpha, jnp.cos(0.1))
+    flexibility = 1 / (c.inertia + c.centrifugal * sin[1] ** 2), 1 / (c.inertia + c.centrifugal * sin[0] ** 2)
+    resisting = restraint_bound(c, not_none(c.restraint), angle, zero)
+    rotation = Rotation(angle, sin, cos, zero, flexibility, resisting)
+    bounds = JointBounds(c, ground, vertical, one, rotation, None)
+    for sigma, theta in ((0, 0.0), (1, 0.05), (-1, -0.05)):
+        for share, v_g in itertools.product((-1, 1), (-vertical, vertical)):
+            shaking, x, still = Shaking(share * ground, v_g), (jnp.asarray(theta),), (zero,)
+            if not sigma and v_g < 0:
+                continue  # the columns would lift
+            a = acceleration(c, jnp.asarray(sigma), shaking, x, still)
+            mean = joints.mean_forces(c, jnp.asarray(sigma), shaking, x, still, a)
+            _, axial = joints.column_forces(c, mean, end_offsets(c))
+            least, most = (np.repeat(np.asarray(y), 2) for y in (bounds.least_axial, bounds.most_axial))
+            assert np.all(least <= np.asarray(axial))
+            assert np.all(np.asarray(axial) <= most)
 
 
 # ----------------------------------------------------------------------------------- edge conventions

@@ -12,6 +12,7 @@ import rockjax as rj
 from rockjax._engine.flat import run
 from rockjax._engine.scene import plan_for, prepare
 from rockjax._engine.solve import answers
+from rockjax._options import RESERVED
 from rockjax._outputs.axial_force import Unloading
 from rockjax._outputs.friction import FrictionUse
 from rockjax._outputs.registry import REGISTRY, VARIABLES
@@ -268,11 +269,29 @@ def test_own_outputs_are_in_datasets():
     assert (spectrum.peak_beam_speed > 0).all()
 
 
-@pytest.mark.parametrize("name", ["peak_shear", "not a name"])
+@pytest.mark.parametrize(
+    "name", ["peak_shear", "not a name", "least_axial_force", "uplift_time", "overturned", "end_time", "fall"]
+)
 def test_own_outputs_need_a_name_of_their_own(name):
     named = type("Named", (rj.AbstractOutput,), {"name": name, "quantity": lambda self, moment: moment.t})
     with pytest.raises(ValueError, match="identifier, and not the name of a built-in output"):
         rj.Options(outputs=("peak_rotation", named()))
+    variables = (rj.Variable(name, "1", ""),)
+    several = type("Several", (rj.AbstractOutput,), {"name": "own", "variables": variables})
+    with pytest.raises(ValueError, match=f"answers must be .* got '{name}'"):
+        rj.Options(outputs=("peak_rotation", several()))
+
+
+def test_names_of_attributes_of_peaks_are_reserved():
+    peak = rj.peak_response(PODIUMS["rigid"], rj.Ricker(3.2, 1.0), options=OWN)
+    fields = {field.name for field in dataclasses.fields(peak)} | {*peak.dataset()}
+    assert fields - {"peak_beam_speed", "peak_jump"} <= {*VARIABLES, *REGISTRY, *RESERVED}
+
+
+def test_own_outputs_at_impacts_need_the_flat_engine():
+    with pytest.raises(ValueError, match="'peak_jump' needs engine='flat', got 'segments'"):
+        rj.Options(outputs=("peak_rotation", PeakVelocityJump()), engine="segments")
+    rj.Options(outputs=("peak_rotation", PeakBeamSpeed()), engine="segments")
 
 
 def test_unknown_outputs_are_refused():

@@ -8,15 +8,21 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import rockjax as rj
 from rockjax._batch.batch import run_batch
 from rockjax._batch.scenes import broadcast
+from rockjax._engine.coefficients import coefficients
 from rockjax._engine.fast_forward.samples import skip_sample, skip_samples
+from rockjax._engine.model import acceleration
 from rockjax._engine.runge_kutta import step
 from rockjax._engine.scene import plan_for, prepare
 from rockjax._engine.step import trial
 from rockjax._engine.tableaus import nystrom, tableau
+from rockjax._outputs.joint_samples import SampleForces
+from rockjax._outputs.joints import end_forces
+from rockjax._outputs.views import Moment, Sample
 from rockjax._responses.estimate import second_options
 from tests.scenes import PODIUMS, G
 
@@ -333,3 +339,35 @@ def test_rough_records_have_the_peaks_of_another_method():
     for name in (*OUTPUTS, "peak_rotation_time", "uplift_time", "overturn_time"):
         ours, theirs = getattr(found, name), getattr(expected, name)
         np.testing.assert_allclose(ours, theirs, rtol=1e-5, atol=1e-8, err_msg=name)
+
+
+@pytest.mark.parametrize("theta", [0.1, 1.3])
+def test_bounds_on_the_curvature_of_joint_forces(theta):
+    """The bounds hold for a superstructure that hangs below the beam, and beyond 2α. The motion is solved by
+    SciPy with a ground acceleration that is linear in time."""
+    elevation = rj.Elevation((-3.0, 3.0), 0.6, -8.0)
+    podium = rj.Podium(0.15, 1.5, 10.0, rj.Rigid(40.0), elevation=elevation)
+    c = coefficients(podium.split_rows().resolved(), 1e-8, False, True)
+    h, sigma, n = 0.02, jnp.ones(()), 32
+    ground = lambda t: 1.0 - 0.3 * t / h
+
+    @jax.jit
+    def at(t, x, v):
+        a = acceleration(c, sigma, ground(t), (x,), (v,))
+        return a[0], jnp.stack(end_forces(Moment(c, sigma, t, ground(t), (x,), (v,), a)))
+
+    times = np.linspace(0.0, h, n + 1)
+    rate = lambda t, y: [y[1], float(at(t, *y)[0])]
+    motion = solve_ivp(
+        rate, (0.0, h), [theta, 0.2], method="DOP853", t_eval=times, rtol=1e-13, atol=1e-15, max_step=h / n
+    ).y
+    acceleration_of, forces = (np.asarray(y) for y in jax.vmap(at)(times, *motion))
+    ends = [
+        (jnp.asarray(ground(times[k])), *((jnp.asarray(y[k]),) for y in (*motion, acceleration_of)))
+        for k in (0, n)
+    ]
+    bounds = SampleForces.from_sample(Sample(c, sigma, jnp.asarray(h), *ends)).curvature
+    row = [y for joints in (*bounds.tangential, *bounds.axial) for y in joints]
+    found = np.abs(np.diff(forces, 2, axis=0)).max(axis=0) * n**2
+    assert found.min() > 1e-6
+    assert np.all(found <= np.asarray([*row, bounds.foundation]) * (1 + 1e-6))

@@ -10,7 +10,9 @@ from scipy.integrate import quad
 
 import rockjax as rj
 from rockjax._excitations import pulses
+from rockjax._excitations.ground import SharedPieces
 from rockjax._excitations.names import PULSE_CLASSES
+from rockjax._excitations.piecewise import DEGREE, PiecewiseMotion
 from rockjax._excitations.pulses import BETA
 from rockjax._problem import models
 from tests.scenes import shaking
@@ -251,3 +253,47 @@ def test_problem_files_know_every_pulse():
         assert models.Pulses(kind=name, a_p=1.0, T_p=1.0).kind == name
     with pytest.raises(ValueError, match="one-sine"):
         models.Pulses(kind="two-sines", a_p=1.0, T_p=1.0)
+
+
+@pytest.mark.parametrize("cycles", [2.0, 12.0, 50.0])
+def test_the_highest_time_of_any_part_of_a_wavelet(cycles):
+    rng = np.random.default_rng(0)
+    for motion in (rj.Gabor(1.0, 1.0, cycles, 1.0), rj.MavroeidisPapageorgiou(0.5, 1.2, cycles, 1.6)):
+        lookahead = motion.lookahead(jnp.asarray(0.5))
+        first, last = (float(t) for t in motion.support)
+        start, end = np.sort(rng.uniform(first, last, (2, 12)), axis=0)
+        start[:2], end[:2] = (-np.inf, 0.0), np.inf
+        times = np.linspace(first, last, 400_001)
+        values = np.asarray(motion(times))
+        for side in (None, jnp.asarray(1.0), jnp.asarray(-1.0)):
+            highest_time = jax.jit(jax.vmap(lambda a, b, s=side, o=lookahead: o.highest_time(a, b, s)))
+            found = np.asarray(motion(highest_time(start, end)))
+            signed = np.abs if side is None else lambda y, s=float(side): s * y
+            for k in range(start.size):
+                largest = signed(values[(start[k] <= times) & (times <= end[k])]).max()
+                assert signed(found[k]) >= largest - 1e-6 * abs(largest) - 1e-12
+
+
+def test_a_pair_with_shared_breakpoints_has_as_many_pieces_as_one_component():
+    times = np.append(np.linspace(0.0, 350.0, 70_000), np.inf)
+    long = PiecewiseMotion(jnp.asarray(times), jnp.zeros((70_001, DEGREE + 1)), jnp.zeros(70_001))
+    assert SharedPieces(long, long).most_pieces == long.most_pieces
+    with pytest.raises(ValueError, match="below 2³¹"):
+        rj.GroundMotion(long, long)
+    rng = np.random.default_rng(1)
+    times = jnp.asarray([0.0, 0.4, 0.5, 2.0, np.inf])
+    first, second = (
+        PiecewiseMotion(times, jnp.asarray(rng.normal(size=(5, DEGREE + 1))), jnp.asarray(rng.normal(size=5)))
+        for _ in range(2)
+    )
+    shared, pair = SharedPieces(first, second), rj.GroundMotion(first, second)
+    end = jnp.ones((), bool)
+    for t in (-0.1, 0.0, 0.3, 0.4, 1.0, 2.0, 3.0):
+        here, there = (motion.locate(jnp.asarray(t)) for motion in (shared, pair))
+        here, there = shared.past(here, end), pair.past(there, end)
+        assert shared.parts(here) == pair.parts(there)
+        assert shared.breakpoint(here) == pair.breakpoint(there)
+        assert shared.velocity_jump(here) == pair.velocity_jump(there)
+        assert shared.piece(here)(jnp.asarray(t)) == pair.piece(there)(jnp.asarray(t))
+        assert shared.parts(shared.before(here)) == pair.parts(pair.before(there))
+    assert shared.last_piece == 5

@@ -820,6 +820,10 @@ def test_all_functions_accept_motions_of_readers(suite):
         ),
         (lambda: rj.Podium.from_dimensions(0.45, [3.0, 4.0], [1500.0, 1e4]), "by 4 m 1.23e[+]04 kg/m³"),
         (lambda: rj.Podium.from_dimensions(0.3, 3.0, 80.0), "296 kg/m³ dense, outside 300 to 8000"),
+        (
+            lambda: rj.Record([0.0, 1.0], 0.01, t_start=1.7e9),
+            r"t_start = 1\.7e[+]09 s; .* rounded to 2e-07 s",
+        ),
         (lambda: rj.Ricker(400.0, 1.0), "Ricker: a_p = 400 m/s² is 40.8 g; did you pass gal"),
         (
             lambda: rj.peak_response(rj.Podium(0.2, 1.0), rj.Ricker(0.4, 1.0)),
@@ -879,4 +883,5 @@ def test_plausible_inputs_cause_no_warning():
         rj.Podium.from_dimensions(width, height, mass)
     for a_p in (0.4, 30.0, np.linspace(0, 1000, 5)):
         rj.Ricker(a_p, 1.0)
+    rj.Record([0.0, 1.0], 0.01, t_start=-3600.0)
     jax.jit(lambda height: rj.Podium.from_dimensions(450.0, height, 1.0).R)(3000.0)

@@ -48,6 +48,14 @@ def spans(ax):
     return [(path.vertices[:, 0].min(), path.vertices[:, 0].max()) for path in shaded.get_paths()]
 
 
+def test_pictures_leave_datasets_unchanged(responses):
+    data = responses["holds"].dataset()
+    names = set(data.variables)
+    for name in PICTURES:
+        getattr(plots, name)(data)
+    assert set(data.variables) == names
+
+
 @pytest.mark.parametrize("kind", ["holds", "opens", "block"])
 @pytest.mark.parametrize("name", PICTURES)
 def test_every_picture_is_drawn(responses, kind, name):

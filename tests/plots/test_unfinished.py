@@ -96,6 +96,9 @@ def test_peaks_of_scenes_that_did_not_finish_are_crosses():
     np.testing.assert_array_equal(drawn["until overturning"].get_xydata(), [[1.0, 1]])
     np.testing.assert_array_equal(ax.lines[0].get_xydata(), [[0.4, 0], [0.6, 4]])
     assert ax.lines[-1].get_xdata() == [0.5, 0.5]  # the median
+    numbers = data.drop_vars("peak_rotation").assign(impacts=("motion", np.arange(5.0)))
+    with pytest.raises(ValueError, match="has no peaks to draw"):
+        plots.peaks(numbers)
 
 
 def test_boundaries_of_a_grid_lie_between_scenes_that_finished(monkeypatch):
