@@ -155,7 +155,7 @@ def _restitution_laws(problem: Problem, data: xarray.Dataset) -> Outcome | str:
     del data
     if not problem.report.laws:
         return "Not tested: report.laws has no law."
-    return f"Checks of peaks are repeated under the laws {', '.join(problem.report.laws)}, below."
+    return f"Checks are repeated under the laws {', '.join(problem.report.laws)}, below."
 
 
 def _linear_building(problem: Problem, data: xarray.Dataset) -> Outcome | str:

@@ -212,7 +212,7 @@ def _compute(entry: Entry, kind: Kind, scenes: Scenes) -> Check:
         sensitivities=slopes if is_smooth else {},
         no_slopes=Check.no_slopes if is_smooth else "not smooth",
         **(_spread(check, scenes) if scenes.with_spread and kind.has_variants else {}),
-        laws=_laws(check, scenes) if kind.has_variants else {},
+        laws=_laws(check, scenes) if kind.has_laws else {},
     )
 
 

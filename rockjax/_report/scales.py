@@ -27,7 +27,7 @@ from rockjax._structures import Podium
 
 from .derivatives import SlopesFunction, leaf_directions, prepare_solved_answers, solved_answers
 from .problem import MotionSet, Problem
-from .scenes import Scenes
+from .scenes import Scenes, with_given_restitution
 from .store import Stored, fingerprint
 from .uplift import UpliftRatio
 
@@ -42,11 +42,13 @@ WINDOW_FACTORS = 1 + np.geomspace(1e-6, 1.0, 32)
 BOUNDARY_ERROR = 1e-9  # relative error of overturning factors that are searched with `boundary_options` [–]
 
 
-def least_factors(scenes: Scenes, name: str, event: str) -> xarray.Dataset:
+def least_factors(scenes: Scenes, name: str, event: str, law: str | None = None) -> xarray.Dataset:
     """Return for each motion of a set the least factor that lifts or overturns the columns, along `motion`.
 
     - `scenes`: the scenes of the problem
     - `name`: name of the set; `event`: "uplift" or "overturning"
+    - `law`: law of impact that replaces the law of the structure; None for no change. It does not change
+      factors that lift the columns, because there is no impact before
 
     The variables of the dataset are `factor`, its estimated `error`, and `end`: all scenes of the search at
     factors up to `end` finished. The variable `is_open` is True if `end` is less than `factor` because scenes
@@ -62,24 +64,30 @@ def least_factors(scenes: Scenes, name: str, event: str) -> xarray.Dataset:
     factor is too small to be found or a scene without uplift does not finish. Both errors occur for "uplift"
     only.
     """
-    return scenes.store.get(*_stored_search(scenes, name, event))
+    return scenes.store.get(*_stored_search(scenes, name, event, law))
 
 
 def start_search(scenes: Scenes, name: str, event: str) -> bool:
-    """Start the search of `least_factors` in another thread, unless its result is stored. Return False if the
-    result is stored, otherwise True."""
-    is_started = scenes.store.start(*_stored_search(scenes, name, event))
+    """Start the searches of `least_factors` under all laws of impact in other threads, unless their results
+    are stored. Return False if all results are stored, otherwise True."""
+    laws = (None, *scenes.laws) if event == "overturning" else (None,)
+    started = [scenes.store.start(*_stored_search(scenes, name, event, law)) for law in laws]
+    is_started = any(started)
     if is_started and event == "uplift":  # `least_factor_slopes` will need this program
         prepare_solved_answers(scenes, name, _ratio_options(scenes.problem))
     return is_started
 
 
-def _stored_search(scenes: Scenes, name: str, event: str) -> Stored:
+def _stored_search(scenes: Scenes, name: str, event: str, law: str | None) -> Stored:
     """Return the arguments of `Store.get` for the search of `least_factors`."""
-    motions, podium, options = scenes.motion_set(name), scenes.problem.podium, scenes.problem.options
+    law = law if law in scenes.laws and event == "overturning" else None
+    motions, podium, options = scenes.motion_set(name), scenes.podium(law), scenes.problem.options
     inputs_hash = fingerprint(podium, motions.identities, options, event, MAX_SCALE, WINDOW_FACTORS)
-    solve = _uplift if event == "uplift" else _overturning
-    return f"scales.{name}.{event}", inputs_hash, lambda: solve(scenes, motions)
+
+    def solve() -> xarray.Dataset:
+        return _uplift(scenes, motions) if event == "uplift" else _overturning(scenes, motions, law)
+
+    return f"scales.{name}.{event}" + (f".{law}" if law else ""), inputs_hash, solve
 
 
 def just_below(factors: np.ndarray, end: float | np.ndarray = MAX_SCALE) -> np.ndarray:
@@ -149,12 +157,14 @@ def _check_finished(motions: MotionSet, codes: np.ndarray) -> None:
         raise RuntimeError(f"report: the uplift factors of {motions.name} are unknown: {failures}")
 
 
-def _overturning(scenes: Scenes, motions: MotionSet) -> xarray.Dataset:
+def _overturning(scenes: Scenes, motions: MotionSet, law: str | None) -> xarray.Dataset:
+    """Return the result of `least_factors` for overturning; without windows if another law of impact is given
+    by `law`."""
     import xarray
 
-    scenes.describe(f"overturning factors of {motions.name}")
+    scenes.describe(f"overturning factors of {motions.name}" + (f" with the law {law}" if law else ""))
     options = boundary_options(scenes.problem)
-    scaled = _scaled_motions(scenes.problem.podium, motions)
+    scaled = _scaled_motions(with_given_restitution(scenes.podium(law)), motions)
 
     def plane(motion: np.ndarray, factor: np.ndarray) -> tuple[Podium, Any]:
         scenes.store.raise_if_stopped()
@@ -164,16 +174,15 @@ def _overturning(scenes: Scenes, motions: MotionSet) -> xarray.Dataset:
     factors, _ = found.crossings.first(len(motions))
     # Boundaries are narrowed to rounding, so the errors of the scenes alone determine the error of a factor.
     error = np.where(np.isfinite(factors), factors * BOUNDARY_ERROR, np.nan)
-    survives, overturns, window_end = _window_ends(plane, factors, options)
     variables = {
         "factor": factors,
         "error": error,
         "end": np.minimum(MAX_SCALE, found.finished_to),
         "is_open": np.isfinite(factors) & (found.finished_to < JUST_BELOW * factors),
-        "survives_from": survives,
-        "overturns_again_from": overturns,
-        "window_end": window_end,
     }
+    if law is None:
+        names = "survives_from", "overturns_again_from", "window_end"
+        variables |= zip(names, _window_ends(plane, factors, options), strict=True)
     return xarray.Dataset({name: ("motion", y) for name, y in variables.items()})
 
 

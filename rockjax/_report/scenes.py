@@ -150,7 +150,7 @@ class Scenes:
         """Return the arguments of `Store.get` for the peaks of a set. The inputs of the structure are
         unchanged; `law` may replace its law of impact."""
         motions, options, on_floors = self.motion_set(name), self.options(name), self.on_floors(name)
-        podium = _with_given_restitution(self.podium(law))
+        podium = with_given_restitution(self.podium(law))
         inputs_hash = fingerprint(podium, motions.identities, options, on_floors, factor)
 
         def solve() -> xarray.Dataset:
@@ -171,7 +171,7 @@ class Scenes:
     def _make_stored_variations(self, name: str, factor: float) -> Stored:
         """Return the arguments of `Store.get` for the peaks of a set with changed inputs, along `variant` and
         `motion`. These peaks have no estimated errors."""
-        podiums = [_with_given_restitution(self.podium(None, variation)) for variation in self.variations]
+        podiums = [with_given_restitution(self.podium(None, variation)) for variation in self.variations]
         factors = [factor * self.factors(variation).get("motion", 1.0) for variation in self.variations]
         needed = self.needed.get(name, Needs()).outputs
         outputs = tuple(dict.fromkeys(("peak_rotation", *needed)))
@@ -255,7 +255,7 @@ class Scenes:
 
         - `label`: name in the store; `options`: options of the scenes
         """
-        podium = _with_given_restitution(self.problem.podium)
+        podium = with_given_restitution(self.problem.podium)
         inputs_hash = fingerprint(podium, excitations, options)
 
         def solve() -> xarray.Dataset:
@@ -302,7 +302,7 @@ def _suffix(factor: float) -> str:
     return "" if factor == 1 else f".times {factor!r}".replace(".", " ")
 
 
-def _with_given_restitution(podium: Podium) -> Podium:
+def with_given_restitution(podium: Podium) -> Podium:
     """Return a podium with its factor of restitution, at least 0, in place of the law of impact. Podiums with
     different laws then share a compiled program, and can form a batch."""
     return podium.replace(restitution=max(float(podium.restitution_factor), 0.0))

@@ -16,11 +16,13 @@ from rockjax._report.assemble import page_of
 from rockjax._report.blocks import Figure
 from rockjax._report.entry import Entry
 from rockjax._report.evaluate import decide, evaluate, needs_of_sets, utilisations_of
+from rockjax._report.evaluation import Check
 from rockjax._report.kinds import KINDS, check_model, peaks, risk, searches
 from rockjax._report.kinds.base import statistic_of
 from rockjax._report.kinds.searches import UNFINISHED, searched_values
 from rockjax._report.scales import boundary_options, least_factors
-from rockjax._report.scenes import Needs, Scenes
+from rockjax._report.scenes import Needs, Scenes, with_given_restitution
+from rockjax._report.sections import summary
 from rockjax._report.store import Store
 from rockjax._results import NAMES
 from rockjax._risk.gaussian import Envelope
@@ -284,6 +286,54 @@ def test_another_pulse_with_vertical_motion_solves_the_scenes_again(tmp_path):
         scenes = Scenes(read(tmp_path, SCALE, file), store, {})
         rotations.append(scenes.peaks("pulses")["peak_rotation"].values)
     assert np.all(rotations[0] != rotations[1])
+
+
+def test_medians_have_intervals_in_place_of_errors(tmp_path, monkeypatch):
+    """No error is invented. Tables of curves in other measures have other names."""
+    names = ("median_capacity", "dispersion")
+    curve = xarray.Dataset(
+        {"median_capacity": 2.0, "dispersion": 0.3, "is_open": ("record", [False, False])}
+        | {"interval": (("quantity", "bound"), [[1.5, 2.5], [0.2, 0.5]])}
+        | {"at": ("at", [1.0], {"units": "1"})},
+        coords={"quantity": list(names), "bound": ["lower", "upper"]},
+        attrs={"measure": "PGA"},
+    )
+    found, kind = [], KINDS["median-capacity"]
+    for measure in ("", '[fragility]\nmeasure = "Sa"\nmeasure_period = 0.7\n'):
+        problem = read(tmp_path, f'[[checks]]\nkind = "median-capacity"\nat_least = 1.0\n{measure}')
+        scenes = Scenes(problem, Store(), {})
+        monkeypatch.setattr(scenes.store, "get", lambda *arguments: curve)
+        found += [table.name for table in kind.tables(problem.checks[0], None, scenes)]
+        values = kind.values(problem.checks[0], scenes)
+    assert found == ["fragility-pulses-scale", "fragility-pulses-sa-0-7"]
+    statistic = statistic_of(values, "max", True)
+    assert np.isnan(statistic.error)
+    check = Check(
+        problem.checks[0], kind, "PASS", value=statistic.value, error=statistic.error, values=values
+    )
+    cell = summary._value(check, problem, None)
+    assert cell.error is None
+    assert [getattr(part, "value", part) for part in cell.note] == ["90% interval ", 1.5, " to ", 2.5]
+
+
+def test_searches_are_repeated_under_other_laws_of_impact(tmp_path):
+    """The factors are boundaries under the other law. No law changes factors that lift the columns."""
+    motions = "[motions.noise]\nsynthetic = 3\nseed = 1\nduration = 8.0\npga = 4.0\n"
+    file = FILE.split("[motions.pulses]")[0].replace("beam_mass", "restitution = 0.7\nbeam_mass") + motions
+    checks = SCALE + '[[checks]]\nkind = "uplift-scale"\nlimit = 0.1\n[report]\nlaws = ["paper"]\n'
+    problem = read(tmp_path, checks, file)
+    evaluation = evaluate(problem, skip=("spread", "methods"))
+    scenes, (uplift, overturning) = evaluation.scenes, evaluation.checks
+    assert uplift.laws["paper"] == (uplift.utilisation, uplift.result)
+    factors = least_factors(scenes, "noise", "overturning", "paper")["factor"].values
+    assert overturning.laws["paper"][0] == 1.5 / factors.min()
+    assert np.any(factors != overturning.values.values)
+    podium = with_given_restitution(problem.podium.replace(restitution="paper"))
+    options = boundary_options(problem).replace(throw=False)
+    for side, expected in ((1 - 1e-6, False), (1 + 1e-6, True)):
+        pairs = zip(problem.motions["noise"].excitations, side * factors, strict=True)
+        answers = rj.peak_responses(podium, [y.scaled(f) for y, f in pairs], options=options)
+        assert np.all(np.asarray(answers.overturned) == expected)
 
 
 def test_blocks_and_oscillators_may_have_the_same_name(tmp_path):

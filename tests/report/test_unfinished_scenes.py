@@ -163,7 +163,7 @@ def test_checks_that_other_laws_do_not_repeat_are_named():
         return SimpleNamespace(id=name, values=(), result=result, laws=laws)
 
     made = [check("C1", "NOT VALID", {"paper": (0.4, "PASS")}), check("C2", "FAIL", {})]
-    texts = {"set": {"A6": "Checks of peaks are repeated."}}
+    texts = {"set": {"A6": "Checks are repeated."}}
     for checks, word, text in (
         (made[:1], "makes no difference", "Results that change: none."),
         (made, "no difference in the repeated checks", "Results that change: none. Not repeated: C2."),
@@ -172,7 +172,7 @@ def test_checks_that_other_laws_do_not_repeat_are_named():
     ):
         row = row_of("A6", SimpleNamespace(checks=checks, assumptions=texts))
         assert row[3].text == word
-        assert row[4].text == f"Checks of peaks are repeated. {text}"
+        assert row[4].text == f"Checks are repeated. {text}"
 
 
 def test_the_largest_velocity_jump_is_that_of_its_own_motion():

@@ -323,8 +323,13 @@ class Kind(abc.ABC):
 
     @property
     def has_variants(self) -> bool:
-        """True if the check is evaluated again with other laws of impact and with changed inputs."""
+        """True if the check is evaluated again with changed inputs."""
         return False
+
+    @property
+    def has_laws(self) -> bool:
+        """True if the check is evaluated again with other laws of impact."""
+        return self.has_variants
 
     # --------------------------------------------------------------------------------------------------- page
     def scope(self, entry: Entry, problem: Problem) -> str:

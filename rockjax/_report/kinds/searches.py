@@ -95,9 +95,13 @@ class ScaleKind(Kind):
     def start(self, entry: Entry, scenes: Scenes) -> bool:
         return start_search(scenes, str(entry.motions), self.event)
 
+    @property
+    def has_laws(self) -> bool:
+        return True
+
     def values(self, entry: Entry, scenes: Scenes, law: str | None = None, variation: str = "") -> Values:
-        del law, variation
-        data = least_factors(scenes, str(entry.motions), self.event)
+        del variation
+        data = least_factors(scenes, str(entry.motions), self.event, law)
         values = np.asarray(data["factor"], float)
         ends, is_open = data["end"].values, data["is_open"].values.astype(bool)
         texts = tuple(

@@ -237,5 +237,5 @@ def _laws(evaluation: Evaluation) -> Table | None:
             u, word = check.laws[law]
             cells += [number_cell(u, "utilisation", text="no finite value"), TextCell(word, word.lower())]
         rows.append(tuple(cells))
-    caption = "Checks of peaks under other laws of impact; violated assumptions are not considered"
+    caption = "Checks under other laws of impact; violated assumptions are not considered"
     return Table("laws", caption, columns, tuple(rows))
