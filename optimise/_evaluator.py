@@ -27,7 +27,7 @@ from rockjax.internal import Module, as_float
 
 from ._answer import Effort
 from ._descent import Descent, End, Evaluation, rank
-from ._fresh import FreshSamples
+from ._fresh import BOOTSTRAP_STREAM, FreshSamples
 from ._objectives import AbstractObjective, PodiumFunction
 from ._sampling import MarginSlope, SampledTargets
 from ._suite import Suite, is_same_suite
@@ -278,7 +278,7 @@ class Evaluator:
             self.draw_count += 1
         jacobians, values = _evaluate_points(problem, options_as_arrays(options), as_float(points))
         (f, margins, overturned), (f_slope, slopes) = jax.tree.map(np.asarray, (values, jacobians))
-        is_valid = np.array([self._is_valid(x) for x in points])
+        is_valid = np.array([self.is_valid(x) for x in points])
         f = np.where(is_valid[:, None], f, np.nan)
         f_slope = np.where(is_valid[:, None, None], f_slope, np.nan)
         margins, slopes = self._insert_sampled(points, is_valid, margins, slopes)
@@ -305,7 +305,8 @@ class Evaluator:
         """
         check_overturn_ratio("design", self.problem.variables.podium(x), self.checked_options)
 
-    def _is_valid(self, x: np.ndarray) -> bool:
+    def is_valid(self, x: np.ndarray) -> bool:
+        """Return whether `check_structure` accepts the structure at x (n,)."""
         try:
             self.check_structure(x)
         except ValueError:
@@ -328,7 +329,7 @@ class Evaluator:
         ]
         scales = np.concatenate([np.asarray(batch) for batch in batches])
         self.verification_scenes += scales.size
-        rng = np.random.default_rng([samples.seed, k])
+        rng = np.random.default_rng([samples.seed, BOOTSTRAP_STREAM, k])
         resamples = rng.integers(scales.size, size=(BOOTSTRAP_SAMPLES, scales.size))
         resamples[0] = np.arange(scales.size)  # the sample itself
         # Margins of given scales do not depend on the records, so any batch can be used here.

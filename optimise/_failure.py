@@ -225,5 +225,8 @@ def _parameters(podium: rj.Podium) -> np.ndarray:
 
 
 def _largest_difference(a: np.ndarray, b: np.ndarray) -> float:
-    """Return the largest relative difference between the entries of two vectors."""
+    """Return the largest relative difference between the entries of two vectors; inf if their lengths
+    differ."""
+    if a.shape != b.shape:
+        return math.inf
     return float(np.max(np.abs(a - b) / np.maximum(np.maximum(np.abs(a), np.abs(b)), 1e-12)))

@@ -13,9 +13,9 @@ import rockjax as rj
 from rockjax._risk.structure import records_from_samples
 from rockjax.internal import AnyMotions, format_value, require_whole, single_motions
 
-# The seed of a batch is [seed, stream, …]. The entry `stream` differs between the steps of a search and the
-# independent samples, so that both use different random numbers.
-STEP_STREAM, SAMPLE_STREAM = 1, 2
+# The seed of a batch is [seed, stream, …]. The entry `stream` differs between the steps of a search, the
+# independent samples and the bootstrap, so that all of them use different random numbers.
+STEP_STREAM, SAMPLE_STREAM, BOOTSTRAP_STREAM = 1, 2, 3
 
 
 class FreshSamples:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import operator
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -366,9 +366,12 @@ class _Reader(Reader):
         with self.errors_at(where):
             measure, period = arguments.pop("measure", ("scale", None))
             if entry.kind == "median-capacity" and measure != "scale":
-                # Motions are scaled to unit intensity, so that their scale factors are intensities.
-                measured = measure_of(measure, period, rj.Motions(tuple(as_motions(where, suite)))).values
-                suite = [y.scaled(1 / float(x)) for y, x in zip(suite, np.asarray(measured), strict=True)]
+                if "max_scale" in arguments:
+                    raise ValueError(
+                        f"max_scale is a factor on the motions; with the measure {measure} leave it out, and "
+                        "intensities up to 3 times at_least are searched"
+                    )
+                suite = _with_unit_intensity(where, suite, measure, period)
             for table in {"contents", "oscillators"} & arguments.keys():
                 if not arguments[table]:
                     raise ValueError(f"needs entries [[{table}]] in the file; add at least one")
@@ -377,3 +380,17 @@ class _Reader(Reader):
             positional += [arguments.pop(name) for name in POSITIONAL if name in arguments]
             positional += [suite] if kind.needs_motions else []
             return TARGETS[entry.kind](*positional, **arguments, name=entry.keys.name)
+
+
+def _with_unit_intensity(owner: str, suite: Sequence[Any], measure: str, period: float | None) -> list[Any]:
+    """Return the motions scaled to unit intensity, so that factors on them are intensities.
+
+    - `owner`: prefix of error messages; `suite`: the motions
+    - `measure`, `period`: intensity measure, as for `measure_of`
+
+    Raises `ValueError` for a motion whose intensity is 0.
+    """
+    measured = np.asarray(measure_of(measure, period, rj.Motions(tuple(as_motions(owner, suite)))).values)
+    if not measured.all():
+        raise ValueError(f"motion {np.argmin(measured) + 1} has {measure} = 0; leave it out")
+    return [motion.scaled(1 / float(intensity)) for motion, intensity in zip(suite, measured, strict=True)]

@@ -108,7 +108,9 @@ class FreshSearch:
         self.evaluate.is_accurate = True
         exact = self.evaluate(self.x)
         self.evaluate.is_accurate = False
-        self.estimates = [self.evaluate.estimates(x, self.sample_count) for x in self.x]
+        self.estimates = [
+            self.evaluate.estimates(x, self.sample_count) if self.evaluate.is_valid(x) else {} for x in self.x
+        ]
         self.sample_count += 1
         pairs = zip(exact, self.estimates, strict=True)
         self.evaluations = [self._with_estimates(evaluation, estimates) for evaluation, estimates in pairs]

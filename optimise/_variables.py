@@ -176,7 +176,9 @@ class Variables(Module):
     def structure(self, x: Float[Array, " n"] | np.ndarray) -> Structure:
         """Return the structure at scaled variables x, of the same type as `base`."""
         values = self.values(x)
-        return with_variables(self.base, {name: values[k] for k, name in enumerate(self.names)})
+        # Values are arrays of no dimensions, as in a traced structure. A Python number 0 would leave out a
+        # device, and a Python exponent 1 would be fixed.
+        return with_variables(self.base, {name: values[k, ...] for k, name in enumerate(self.names)})
 
     def podium(self, x: Float[Array, " n"] | np.ndarray) -> rj.Podium:
         """Return the podium at scaled variables x."""

@@ -158,8 +158,13 @@ def _minimise(misfit, start, data, has_fit: Bool[Array, ""]) -> tuple[Float[Arra
         loss, optx.BFGS(1e-8, 1e-8), constant(start), constant(data), max_steps=200, throw=False
     )
     gradient = jax.grad(loss)
-    # Newton's method refines the result. Its root search also provides the derivatives.
-    newton = optx.Newton(1e-12, 1e-12)
-    y = optx.root_find(gradient, newton, approximate.value, data, max_steps=20, throw=False).value
+
+    def refine(gradient_at, y):
+        newton = optx.Newton(1e-12, 1e-12)
+        return optx.root_find(lambda y, _: gradient_at(y), newton, y, max_steps=20, throw=False).value
+
+    # Derivatives of the root are NaN if those of the data are; Optimistix would raise an error instead.
+    solve = lambda linear, y: jnp.linalg.solve(jax.jacobian(linear)(y), y)
+    y = jax.lax.custom_root(lambda y: gradient(y, data), approximate.value, refine, solve)
     residual = gradient(constant(y), constant(data))
     return y, has_fit & jnp.all(jnp.abs(residual) < 1e-8) & jnp.all(jnp.isfinite(y))

@@ -61,11 +61,12 @@ ONE_SIDED_BELOW = 1e-4  # if the dip (see `Boundary`) is lower, the boundary is 
 class Boundary(Module):
     """Overturning boundary: the least scale at which a ground motion overturns a podium.
 
-    - `scale`: the least factor on the motion that overturns [–], inf if no scale in the range overturns;
-      differentiable (the derivative is zero if `scale` is inf)
-    - `found`: True if a scale in the range overturns
-    - `impacts`: number of impacts before overturning, at a scale just past the boundary; 0 if no scale in the
-      range overturns
+    - `scale`: the least factor on the motion that overturns [–], inf if the search finds none in the range;
+      differentiable (the derivative is zero if `scale` is inf, and NaN if it cannot be computed). If scenes
+      did not finish, lower scales may overturn, see `finished_to`
+    - `found`: True if the search finds a scale in the range that overturns
+    - `impacts`: number of impacts before overturning, at a scale just past the boundary; 0 if no scale is
+      found
     - `dip`: the lowest local minimum of the overturning margin at scales below the boundary; 1 if there is no
       minimum. If the dip became zero, the boundary would jump to the scale of this minimum
     - `one_sided`: True if the dip is so low that the boundary is about to jump; the derivative is then
@@ -73,6 +74,8 @@ class Boundary(Module):
     - `certain_width`: estimated width of the widest interval of overturning scales below `scale` that the
       search may have missed [–]. This width is at most the requested `width` times `max_scale`, unless scenes
       did not finish
+    - `finished_to`: scale up to which all scenes of the search finished [–]; `max_scale` or the last scale
+      of the search if all finished
     """
 
     scale: Float[Array, "*batch"]
@@ -81,12 +84,16 @@ class Boundary(Module):
     dip: Float[Array, "*batch"]
     one_sided: Bool[Array, "*batch"]
     certain_width: Float[Array, "*batch"]
+    finished_to: Float[Array, "*batch"]
 
     def __repr__(self):
         if isinstance(self.scale, Tracer) or jnp.ndim(self.scale):
             return f"Boundary(shape {jnp.shape(self.scale)})"
         if not self.found:
-            return f"Boundary: nothing overturns; least dip of the margin {float(self.dip):.3g}"
+            return (
+                f"Boundary: nothing found that overturns; least dip of the margin {float(self.dip):.3g}, "
+                f"and no window is wider than {float(self.certain_width):.2g}"
+            )
         side = " (one-sided: the boundary is about to jump there)" if self.one_sided else ""
         after = f"after {int(self.impacts)} impacts"
         below = (
@@ -109,12 +116,13 @@ def overturning_acceleration(
     width: float = DEFAULT_WIDTH,
     resolution: int = 128,
 ) -> Value:
-    """Return the least pulse acceleration a_p that overturns a podium [m/s²], or inf if nothing overturns up
-    to the end of the search.
+    """Return the least pulse acceleration a_p that overturns a podium [m/s²], or inf if the search finds
+    none.
 
     The function works under `jit` and `vmap`. `grad` and `jacfwd` give derivatives with respect to `T_p` and
     every parameter of `podium`. The derivatives are exact unless the boundary jumps, and zero if the result
-    is inf. [`rockjax.overturning_boundary`][] returns more details.
+    is inf. If scenes did not finish, lower accelerations may overturn; [`rockjax.overturning_boundary`][]
+    returns the details.
 
     - `podium`: podium with scalar parameters
     - `pulse`: a class of pulses such as `rockjax.Ricker`, or a function (a_p, T_p) ↦ excitation that is
@@ -168,8 +176,8 @@ def overturning_scale(
     width: float = DEFAULT_WIDTH,
     resolution: int = 128,
 ) -> Value:
-    """Return the least factor on a ground motion that overturns a podium [–], or inf if no factor up to
-    `max_scale` overturns the podium.
+    """Return the least factor on a ground motion that overturns a podium [–], or inf if the search finds none
+    up to `max_scale`. If scenes did not finish, lower factors may overturn, see [`rockjax.Boundary`][].
 
     - `podium`, `excitation`, `max_scale`, `options`, `width`, `resolution`: as for
       [`rockjax.overturning_boundary`][], whose result contains this factor as the field `scale`
@@ -275,7 +283,7 @@ def _boundary(podium: Podium, excitation, limit, options: Options, width, uses_m
             )
         no_tangent = np.zeros(jnp.shape(first.impacts), jax.dtypes.float0)
         zero = array_module(first).zeros_like(first.scale)
-        return first, FirstBoundary(change, zero, zero, no_tangent)
+        return first, FirstBoundary(change, zero, zero, no_tangent, zero)
 
     differentiable = jax.custom_jvp(search)
     differentiable.defjvp(rule, symbolic_zeros=True)  # pyright: ignore[reportArgumentType]
@@ -284,7 +292,13 @@ def _boundary(podium: Podium, excitation, limit, options: Options, width, uses_m
     numpy = array_module(values)
     is_found, is_one_sided = numpy.isfinite(values.scale), numpy.less(values.dip, ONE_SIDED_BELOW)
     return Boundary(
-        first.scale, as_array(is_found), first.impacts, first.dip, as_array(is_one_sided), first.certain_width
+        first.scale,
+        as_array(is_found),
+        first.impacts,
+        first.dip,
+        as_array(is_one_sided),
+        first.certain_width,
+        first.finished_to,
     )
 
 
@@ -331,10 +345,10 @@ def _make_search(structure, uses_margin: bool) -> Callable[..., FirstBoundary]:
                 for y, is_mapped in zip(leaves, mapped, strict=True)
             ]
             first = jax.tree.map(as_array, _search_in_batches(rows, count, structure, uses_margin))
-            return first, FirstBoundary(True, True, True, True)
+            return first, FirstBoundary(*[True] * len(FirstBoundary._fields))
         axes = [0 if is_mapped else None for is_mapped in mapped]
         first = jax.vmap(lambda *leaves: _search_in_program(leaves, structure, uses_margin), axes)(*leaves)
-        return first, FirstBoundary(True, True, True, True)
+        return first, FirstBoundary(*[True] * len(FirstBoundary._fields))
 
     def search(*leaves):
         if _any_traced(leaves):
@@ -372,8 +386,9 @@ def _search_in_batches(rows: list[np.ndarray], count: int, structure, uses_margi
     first, impacts = result.crossings.first(count)
     scale = first * limits
     dtype = float_type()
-    scale, dip, certain = (np.asarray(y, dtype) for y in (scale, result.dip, result.certain_width * limits))
-    return FirstBoundary(scale, dip, certain, np.maximum(impacts, 0))
+    values = scale, result.dip, result.certain_width * limits, result.finished_to * limits
+    scale, dip, certain, finished_to = (np.asarray(y, dtype) for y in values)
+    return FirstBoundary(scale, dip, certain, np.maximum(impacts, 0), finished_to)
 
 
 def _pick_motions(excitation, line: np.ndarray, pick) -> Any:

@@ -48,6 +48,7 @@ class FirstBoundary(NamedTuple):
     dip: Any  # the lowest dip of the margin below the boundary; 1 if there is none
     certain_width: Any  # largest width of an overturning interval below `scale` that may have been missed
     impacts: Any  # number of impacts before overturning; 0 if nothing overturns
+    finished_to: Any  # scale up to which all scenes of the search finished
 
 
 class _State(NamedTuple):
@@ -62,6 +63,7 @@ class _State(NamedTuple):
     hi_margin: Array  # margin at `hi`
     impacts: Array  # number of impacts at `hi`
     widest_step: Array  # largest step between neighbouring finished scenes up to `hi`
+    finished_to: Array  # last scale of the scan before the first scene that did not finish; inf without one
     previous: Array  # the surviving scale before `lo`
     previous_margin: Array  # margin at `previous`
     dips: Array  # scales around the lowest dips: before, at and after the minimum, shape (DIPS, 3)
@@ -79,7 +81,7 @@ def first_boundary(solve_row: SolveRow, limit: Array, spacing: Array) -> FirstBo
     zero_count = jnp.zeros((), jnp.int32)
     infinite = jnp.full_like(limit, jnp.inf)
     dips = jnp.zeros((DIPS, 3), limit.dtype)
-    start = zero_count, zero_count, zero, zero, one, infinite, -one, zero_count, zero, zero, one
+    start = zero_count, zero_count, zero, zero, one, infinite, -one, zero_count, zero, infinite, zero, one
     state = _State(*start, dips, dips + 1)
 
     def advance(state: _State) -> _State:
@@ -102,7 +104,8 @@ def first_boundary(solve_row: SolveRow, limit: Array, spacing: Array) -> FirstBo
     is_below = (state.dips[:, 2] > 0) & (state.dips[:, 2] < state.hi)
     dip = jnp.min(jnp.where(is_below, state.dip_margins[:, 1], 1.0))
     scale = jnp.where(is_found, 0.5 * (state.lo + state.hi), jnp.inf)
-    return FirstBoundary(scale, dip, state.widest_step, jnp.where(is_found, state.impacts, 0))
+    impacts = jnp.where(is_found, state.impacts, 0)
+    return FirstBoundary(scale, dip, state.widest_step, impacts, jnp.minimum(state.finished_to, limit))
 
 
 def _is_unfinished(state: _State, limit: Array) -> Array:
@@ -145,6 +148,8 @@ def _update_scan(state: _State, scales: Array, margin: Array, impacts: Array, li
     last = jnp.max(jnp.where(survives, index, 0))
     widest = _widest_step(scales, survives | (index == first))
     widest = jnp.where(at_limit & ~is_found, jnp.maximum(widest, limit - scales[last]), widest)
+    is_unfinished = jnp.isnan(margin) & (index < first)
+    before_unfinished = scales[jnp.maximum(jnp.argmax(is_unfinished) - 1, 0)]
     before_last = jnp.max(jnp.where(survives & (index < last), index, 0))
     is_dip = survives[:-2] & survives[1:-1] & survives[2:]
     is_dip &= (margin[1:-1] <= margin[:-2]) & (margin[1:-1] < margin[2:])
@@ -168,6 +173,9 @@ def _update_scan(state: _State, scales: Array, margin: Array, impacts: Array, li
         hi_margin=jnp.where(is_found, margin[first], -1.0),
         impacts=jnp.where(is_found, impacts[jnp.maximum(first - 2, 0)], 0),
         widest_step=jnp.maximum(state.widest_step, widest),
+        finished_to=jnp.minimum(
+            state.finished_to, jnp.where(jnp.any(is_unfinished), before_unfinished, jnp.inf)
+        ),
         previous=scales[before_last],
         previous_margin=margin[before_last],
         dips=dips[lowest],

@@ -47,23 +47,19 @@ def _residual(podium: Podium, motion: AbstractExcitation, options: Options, uses
     return boundary_residual(floats, uses_margin)
 
 
-def _root_change(slope, change, fallback: float):
-    """Return the change of the root of a function, −`change`/`slope`, or `fallback` if `slope` is zero or not
-    finite.
-
-    - `slope`: derivative of the function at its root
-    - `change`: change of the function's value at the root due to its parameters
-    """
+def _root_factor(slope):
+    """Return the change of the root of a function per change of the function's value at the root, −1/`slope`,
+    or NaN if `slope` is zero or not finite. `slope` is the derivative of the function at its root."""
     numpy = array_module(slope)
     is_usable = numpy.isfinite(slope) & (slope != 0)
-    return jnp.where(is_usable, -change / numpy.where(is_usable, slope, 1.0), fallback)
+    return numpy.where(is_usable, -1.0 / numpy.where(is_usable, slope, 1.0), numpy.nan)
 
 
 def boundary_change(leaves, varied_tangents, scale, structure, varied: tuple[bool, ...], uses_margin: bool):
     """Return the tangent of a boundary (its change), given the tangents of parameters.
 
-    The result is zero if there is no boundary, or if the derivative of the residual with respect to the scale
-    is zero or not finite.
+    The result is zero if there is no boundary, and NaN if the derivative of the residual with respect to the
+    scale is zero or not finite.
 
     - `leaves`: leaves of the arguments of the search, with the tree structure `structure`
     - `varied_tangents`: tangents of the leaves that vary
@@ -90,7 +86,9 @@ def boundary_change(leaves, varied_tangents, scale, structure, varied: tuple[boo
     _, pushforward = jax.linearize(residual, past, *point)
     slope = numpy.asarray(pushforward(numpy.ones_like(past), *(numpy.zeros_like(y) for y in point)))
     change = pushforward(numpy.zeros_like(past), *varied_tangents)
-    return jnp.where(is_found, _root_change(slope, change, 0.0), 0.0)
+    # Reverse mode multiplies by this factor also if there is no boundary.
+    factor = numpy.where(is_found, _root_factor(slope), 0.0)
+    return jnp.where(is_found, factor * change, 0.0)
 
 
 @StoredProgram
@@ -164,6 +162,6 @@ def _log_slopes(
             return _residual(structure, motion, options, uses_margin)
 
         slopes = jax.jacfwd(residual)(jnp.zeros(1 + len(names), a.dtype))
-        return _root_change(slopes[0], slopes[1:], jnp.nan)
+        return _root_factor(slopes[0]) * slopes[1:]
 
     return jax.vmap(slopes_of_row)(rows, a)

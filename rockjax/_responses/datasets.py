@@ -6,8 +6,10 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from typing import Any
 
@@ -18,7 +20,7 @@ from rockjax import _version
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import GroundMotion
 from rockjax._files import CONVENTIONS
-from rockjax._motions.provenance import describe_record
+from rockjax._motions.provenance import describe_record, sha256
 from rockjax._motions.record import Record
 from rockjax._options import Options
 from rockjax._parameters import variants
@@ -59,13 +61,25 @@ def describe(podium: Podium, pulse, options: Options) -> dict[str, Any]:
     """Return the attributes of a file with a spectrum.
 
     - `podium`, `options`: structure and options of the scenes
-    - `pulse`: class of the pulses, or a function (a_p, T_p) ↦ excitation
+    - `pulse`: class of the pulses, or a function (a_p, T_p) ↦ excitation. The attribute `pulse_sha256`, the
+      checksum of two excitations, identifies a function
     """
     return {
         "pulse": getattr(pulse, "__name__", repr(pulse)),
+        **({} if isinstance(pulse, type) else {"pulse_sha256": _checksum_of_pulse(pulse)}),
         **describe_podium(podium),
         **describe_options(options),
     }
+
+
+def _checksum_of_pulse(pulse: Callable[[Any, Any], AbstractExcitation]) -> str:
+    """Return the SHA-256 of the excitations of a function (a_p, T_p) ↦ excitation for two pairs of arguments,
+    because functions of the same name may return different excitations."""
+    leaves, structure = jax.tree.flatten([pulse(1.0, 1.0), pulse(2.0, 3.0)])
+    values = [sha256(y) if isinstance(y, ARRAYS | float | int) else repr(y) for y in leaves]
+    # The representation of a function contains its address, which differs between processes.
+    text = re.sub(r" at 0x[0-9a-f]+", "", "\n".join([repr(structure), *values]))
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def describe_podium(podium: Podium) -> dict[str, Any]:

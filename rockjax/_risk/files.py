@@ -398,6 +398,8 @@ def read_fragility_model(path: str | Path) -> dict[str, xarray.Dataset]:
         model = ET.parse(path).getroot().find(f"{{{NRML}}}fragilityModel")
     except ET.ParseError as error:
         raise ValueError(f"{path}: the file is not valid XML: {error}") from None
+    except OSError as error:
+        raise ValueError(f"{path}: the file cannot be read: {error.strerror or error}") from None
     if model is None:
         raise ValueError(f"{path}: the file has no fragilityModel of NRML 0.5")
     curves: dict[str, xarray.Dataset] = {}

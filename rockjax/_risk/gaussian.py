@@ -243,7 +243,9 @@ class GaussianMotion(Module):
             return transition @ covariance @ transition.T + added, output @ covariance @ output
 
         _, variance = jax.lax.scan(advance, jnp.zeros_like(transition), self._noise_deviation())
-        return jnp.sqrt(variance)
+        # The first sample has the variance 0, at which the square root has no derivative.
+        is_positive = variance > 0
+        return jnp.where(is_positive, jnp.sqrt(jnp.where(is_positive, variance, 1.0)), 0.0)
 
     def scaled(self, factor) -> Self:
         """Return the model whose motions are `factor` times as strong, with `factor` > 0.

@@ -223,11 +223,14 @@ def estimate_probability(
     )
     estimator = estimator_class(limit, points, np.random.default_rng([seed, 2]))
     latest: list[ProbabilityEstimate] = []
+    reported = 0
     try:
         with bar(None, "scenes", progress) as progress_bar:
 
             def report(estimate: ProbabilityEstimate) -> None:
-                progress_bar.update(limit.scenes - progress_bar.n)
+                nonlocal reported
+                progress_bar.update(limit.scenes - reported)
+                reported = limit.scenes
                 latest[:] = [estimate]
 
             estimator.run(cov, max_scenes, 500, report)

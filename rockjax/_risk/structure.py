@@ -18,7 +18,7 @@ from jaxtyping import Array, Float
 
 from rockjax import _results as results
 from rockjax._batch.batch import peak_responses
-from rockjax._checks import array_module, as_array, as_float, product, require
+from rockjax._checks import array_module, as_array, as_float, product, require_number
 from rockjax._engine.solve import solve
 from rockjax._motions.records import Records
 from rockjax._options import Options
@@ -102,12 +102,13 @@ def parse_limit(owner: str, limit: Any, podium: Podium | None = None) -> Limit:
             raise ValueError(f"{owner}: limit {name!r} needs {kind.structure}; this podium has none")
         if isinstance(value, Tracer):
             raise ValueError(f"{owner}: limit {name!r} must be a number, not a traced value")
-        require(owner, f"limit {name!r} [{kind.unit}]", value, lambda v: v > 0, "finite and > 0")
-        if name == "rotation" and float(value) >= 1:
+        label = f"limit {name!r} [{kind.unit}]"
+        value = require_number(owner, label, value, lambda v: v > 0, "finite and > 0")
+        if name == "rotation" and value >= 1:
             raise ValueError(f"{owner}: limit 'rotation' must be < 1, got {value!r}; 1 is 'overturning'")
         output = REGISTRY[kind.output] if isinstance(kind.output, str) else kind.output
         # A peak that can be infinite is replaced by a finite measure, which has its own limit.
-        output, value = output.for_limit(float(value))
+        output, value = output.for_limit(value)
         return Limit(output.name, value, name_if_registered(output))
     names = ", ".join(f"({name!r}, value)" for name in LIMITS)
     raise ValueError(f"{owner}: limit must be 'overturning' or one of {names}, got {limit!r}")
@@ -122,7 +123,9 @@ class StructureLimitState(AbstractLimitState):
 
     def __init__(self, podium: Podium, motion: GaussianMotion, limit: Limit, options: Options = OPTIONS):
         super().__init__(motion.dimension)
-        self.podium, self.motion, self.limit = podium, motion, limit
+        # Programs receive Python floats as arrays, so all floats of the motion are parameters.
+        self.motion = jax.tree.map(lambda y: as_float(y) if isinstance(y, float) else y, motion)
+        self.podium, self.limit = podium, limit
         # Without a pulse, −u reverses the motion. By symmetry, the podium then fails under −u if and only if
         # it fails under u.
         self.mirrored = motion.pulse is None
@@ -183,8 +186,10 @@ class StructureLimitState(AbstractLimitState):
         """Return G, shape (m,), and its derivatives with respect to the logarithms of named parameters, shape
         (m, names). Unlike in `values`, overturning alone does not make G ≤ 0 here."""
         peaks = self._peaks(u, names)
-        slopes = np.asarray(getattr(peaks.sensitivities, self.limit.output))
         value = np.asarray(getattr(peaks, self.limit.output))
+        slopes = np.zeros((*value.shape, 0))
+        if names:
+            slopes = np.asarray(getattr(peaks.sensitivities, self.limit.output))
         if value.ndim > 1:
             worst = np.argmax(value, axis=1)[:, None]
             value = np.take_along_axis(value, worst, axis=1)[:, 0]

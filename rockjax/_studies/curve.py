@@ -39,8 +39,9 @@ def fragility(
 
     - `analysis`: result of [`rockjax.incremental_dynamic_analysis`][]
     - `method`: `"capacities"` fits the capacities of the records, their least overturning intensities. If a
-      record does not overturn, its capacity is only known to be above the highest level (censored) or, if
-      some of its scenes did not finish, above the last level before the first of these scenes.
+      record does not overturn, its capacity is only known to be above the highest level (censored). If the
+      scene at a level below its capacity did not finish, the capacity is only known to be above the last
+      level before this scene.
       `"stripes"` fits the counts of overturned records at each level. A record that survives a level above
       its capacity counts as a survival there, and a scene that did not finish does not count. The default is
       `"capacities"`; with `limit` it is `"stripes"`, the only method that is then valid
@@ -126,8 +127,9 @@ def checked_intensities(owner: str, at, levels: np.ndarray) -> np.ndarray:
 class _Outcomes(NamedTuple):
     """Capacities and outcomes of the records of an analysis.
 
-    - `capacity`: least overturning intensity of each record, shape (n,); inf if above the highest level. With
-      a limit state, the lowest level at which the record fails
+    - `capacity`: least overturning intensity of each record, shape (n,); inf if it is above the highest level
+      or above a level whose scene did not finish. With a limit state, the lowest level at which the record
+      fails
     - `censor_limit`: lower bounds of the capacities that are inf, shape (n,): the highest level up to which
       all scenes of the record finished; 0 if the scene at the lowest level did not finish
     - `levels`: levels of intensity, shape (m,)
@@ -146,6 +148,8 @@ class _Outcomes(NamedTuple):
         capacity = np.where(np.isnan(capacity), np.inf, capacity)
         overturned = outcomes(analysis).values
         finished = np.logical_and.accumulate(np.isfinite(overturned), axis=1).sum(axis=1)
+        first_unfinished = np.append(levels, np.inf)[finished]
+        capacity = np.where(capacity > first_unfinished, np.inf, capacity)
         return cls(capacity, np.append(0.0, levels)[finished], levels, overturned)
 
     @property
@@ -282,7 +286,9 @@ def _add_intervals(
     - `curve`, `fit`, `method`: dataset of the curve, the curve, and the method of the fit
     - `data`: outcomes of the records; `confidence`: in (0, 1)
     """
-    records, overturning_records = data.capacity.size, int(np.isfinite(data.capacity).sum())
+    records = data.capacity.size
+    has_event = np.isfinite(data.capacity) if method == "capacities" else (data.overturned == 1).any(axis=1)
+    overturning_records = int(has_event.sum())
     count = overturning_records if method == "capacities" else records
     if count < MIN_RECORDS:
         qualifier = " that overturn" if method == "capacities" else ""

@@ -376,8 +376,10 @@ def broadened(spectrum: xarray.Dataset, ratio: float = 0.15) -> xarray.Dataset:
     - `ratio`: β, in [0, 1) [–]; 0.15 is usual for nuclear facilities
 
     Between its periods, the spectrum is interpolated linearly in log T. It is not extrapolated. The result
-    has only the variables `pseudo_acceleration`, `absolute_acceleration` and `relative_displacement`. Raises
-    `ValueError` for another dataset, for periods that do not ascend, and for a ratio out of range.
+    has only the variables `pseudo_acceleration`, `absolute_acceleration` and `relative_displacement`, and the
+    `overturned`, `overturn_time` and `result` of the scenes, because spectra of scenes that overturned or did
+    not finish are lower bounds. Raises `ValueError` for another dataset, for periods that do not ascend, and
+    for a ratio out of range.
     """
     owner = "broadened"
     ratio = require_number(owner, "ratio", ratio, lambda v: 0 <= v < 1, "in [0, 1)")
@@ -393,7 +395,8 @@ def broadened(spectrum: xarray.Dataset, ratio: float = 0.15) -> xarray.Dataset:
         at_ends = np.maximum(np.interp(low, log, values), np.interp(high, log, values))
         return np.maximum(at_ends, np.where(inside, values, -np.inf).max(axis=1))
 
-    data = spectrum[names].copy(deep=True)
+    flags = [name for name in ("overturned", "overturn_time", "result") if name in spectrum]
+    data = spectrum[[*names, *flags]].copy(deep=True)
     for name in names:
         axis = data[name].dims.index("period")
         data[name].values[...] = np.apply_along_axis(broaden, axis, spectrum[name].values)

@@ -1,9 +1,10 @@
 """Overturning boundaries of a rocking spectrum, by bisection between grid points with different outcomes.
 
 The outcome of a grid point is survival or overturning. Grid points whose scenes did not finish have no
-outcome and are left out. The bisection runs the programs that are compiled for the grid. It misses boundaries
-between two neighbouring grid points with the same outcome; the search of
-[`rockjax.overturning_spectrum`][] is not bound to a grid.
+outcome and are left out. Scenes of the bisection that do not finish count as survivals, and cause a
+`RuntimeWarning`. The bisection runs the programs that are compiled for the grid. It misses boundaries between
+two neighbouring grid points with the same outcome; the search of [`rockjax.overturning_spectrum`][] is not
+bound to a grid.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockjax._batch.batch import responses
+from rockjax._batch.batch import responses, warn_of_failures
 from rockjax._boundaries.crossings import Crossings
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options
@@ -112,6 +113,7 @@ def _outcome_function(
     def overturns(ratio: np.ndarray) -> np.ndarray:
         motions = pulse(ratio * g_tan_alpha, T_p)
         peaks = responses(combined, motions, REST, None, options, progress, threading.Event())
+        warn_of_failures(peaks, stacklevel=2)
         return np.broadcast_to(np.asarray(peaks.overturned), ratio.shape)
 
     return overturns

@@ -57,7 +57,7 @@ def record_spectrum(
       factors that is wider than this share of `max_scale`, in (0, 0.1]
     - `resolution`: number of equal intervals between 0 and `max_scale`; the search starts with the ends of
       these intervals
-    - `options`: options of the scenes
+    - `options`: options of the scenes; the output `"peak_rotation"` is added to `options.outputs`
     - `progress`: `True` for progress bars, or any object with a method `update(number_of_scenes)`
 
     Returns a Dataset over `record` and `p`:
@@ -97,6 +97,8 @@ def record_spectrum(
     cells = np.arange(count * sizes.size)
     scale_range = (0.0, float(max_scale))
     precompile_scan(plane, cells, scale_range, options, width)
+    if "peak_rotation" not in [output.name for output in options.requested]:
+        options = options.replace(outputs=(*options.outputs, "peak_rotation"))
     peaks = peak_responses(*plane(cells, np.ones(cells.size)), options=options, progress=progress)
     search = scan(
         plane, cells, scale_range, resolution, options, progress, first_only=True, width=width, dips=False

@@ -194,7 +194,11 @@ def test_stretches_without_an_answer_are_not_certain(search, monkeypatch):
         assert 0.3 - 2 * WIDTH < found.finished_to[0] < 0.3
         assert 0.32 - 2 * WIDTH < found.last_unfinished[0] < 0.32
     else:
-        first, certain = in_program(motion).scale, in_program(motion).certain_width
+        program = in_program(motion)
+        first, certain = program.scale, program.certain_width
+        assert 0.3 - 2 * WIDTH < program.finished_to < 0.3
+        assert in_program(Motion(unanswered=[(0.3, 0.32)])).finished_to == program.finished_to
+        assert in_program(Motion([(0.2, 0.3)], unanswered=[(0.3, 0.32)])).finished_to == 1
     assert first == pytest.approx(0.7, rel=1e-9)
     assert 0.02 <= certain < 0.02 + 2 * WIDTH
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import rockjax as rj
+from rockjax._boundaries import implicit
 from rockjax._boundaries.boundary import BOUNDARY
 from rockjax._boundaries.crossings import scan
 from tests import restrained
@@ -375,7 +376,26 @@ def test_text_of_boundaries():
     found = rj.overturning_boundary(PODIUMS["rigid"], rj.Ricker(1.0, 1.0), max_scale=10.0)
     assert f"overturns from {float(found.scale):.10g} after {int(found.impacts)} impacts" in repr(found)
     none = rj.overturning_boundary(PODIUMS["rigid"], rj.Ricker(1.0, 1.0), max_scale=1.0)
-    assert "nothing overturns" in repr(none)
+    assert "nothing found that overturns" in repr(none)
+    assert float(none.finished_to) == 1
+
+
+def test_a_derivative_that_cannot_be_computed_is_unknown(monkeypatch):
+    """Without a boundary the derivative is zero."""
+    monkeypatch.setattr(implicit, "_residual", lambda podium, *_: podium.alpha * jnp.nan)
+    arguments = PODIUMS["rigid"], rj.Ricker(1.0, 1.0), jnp.ones(()), (BOUNDARY, jnp.asarray(1e-3))
+    leaves, structure = jax.tree.flatten(arguments)
+    leaves = [jnp.asarray(y, float) if isinstance(y, float) else y for y in leaves]
+    varied = tuple(k == 0 for k in range(len(leaves)))
+
+    def change(scale, tangent=1.0):
+        return implicit.boundary_change(
+            leaves, [jnp.asarray(tangent)], jnp.asarray(scale), structure, varied, True
+        )
+
+    assert np.isnan(change(1.0))
+    assert change(jnp.inf) == 0
+    assert np.isnan(jax.grad(change, argnums=1)(1.0, 1.0))
 
 
 def test_bad_boundaries_are_refused():

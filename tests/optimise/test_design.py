@@ -976,6 +976,25 @@ def test_targets_on_floors_name_things_of_the_file(folder):
             optimise.load(write_problem(folder, FILE + text))
 
 
+def test_intensities_of_a_file_are_no_factors(folder):
+    text = FILE.replace(
+        'kind = "peak-rotation"\nlimit = 0.4\nmotions = "pulses"',
+        'kind = "median-capacity"\nat_least = 4.0\nmotions = "records"',
+    )
+    pga = text + '[fragility]\nmeasure = "PGA"\n'
+    (target,) = optimise.load(write_problem(folder, pga)).targets
+    assert isinstance(target, optimise.MedianCapacity)
+    assert float(target.max_scale) == pytest.approx(12.0)
+    with pytest.raises(
+        ValueError, match=r"targets\[0\]: max_scale is a factor on the motions; .* measure PGA"
+    ):
+        optimise.load(write_problem(folder, pga.replace("at_least = 4.0", "at_least = 4.0\nmax_scale = 3.0")))
+    (folder / "two.csv").write_text("time,acceleration\n0.00,0.0\n0.02,0.0\n0.04,0.0\n")
+    message = r"targets\[0\]: motion 2 has PGA = 0; leave it out"
+    with pytest.warns(rj.PlausibilityWarning), pytest.raises(ValueError, match=message):
+        optimise.load(write_problem(folder, pga))
+
+
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(ValueError, match=r"none\.toml: the file cannot be read"):
         optimise.load(tmp_path / "none.toml")

@@ -16,9 +16,9 @@ import optimise
 import rockjax as rj
 from optimise._answer import Effort, SampleEstimates, SearchResult, build_design
 from optimise._descent import End, Evaluation
-from optimise._failure import RayTarget
+from optimise._failure import RayTarget, _largest_difference
 from optimise._results import CONVERGED, INTERRUPTED
-from optimise._sampling import SampledTargets
+from optimise._sampling import SampledTargets, _StructureParameters
 from optimise._variables import make_variables
 from rockjax._risk.limit_state import FunctionLimitState
 from rockjax._risk.rays import probability_at, sample_rays, solve_factor
@@ -217,6 +217,21 @@ def test_a_file_asks_for_cost_and_expected_loss(tmp_path):
     path.write_text(text.replace("loss = 5e6\n", ""))
     with pytest.raises(ValueError, match="minimise: loss is missing"):
         optimise.load(path)
+
+
+def test_devices_that_start_at_zero_have_derivatives():
+    """A damper with the coefficient 0 stays in the podium, so that its derivative is not left out."""
+    dimensions = optimise.Dimensions(width=0.6, height=3.0, column_mass=1.5e3, beam_mass=30e3)
+    parameters = _StructureParameters(make_variables(dimensions, {"damper_coefficient": (0.0, 1e5)}))
+    for x in (0.0, 0.5):
+        podium, log_slopes = parameters(np.array([x]))
+        assert len(podium.restrainers) == 1
+        assert log_slopes["coefficient"] > 0
+    damped = BLOCK.replace(restrainers=(rj.Damper(0.5, exponent=0.7),))
+    (damper,) = make_variables(damped, {"exponent": (0.3, 1.0)}).podium(np.ones(1)).restrainers
+    assert isinstance(damper, rj.Damper)
+    assert not damper.linear
+    assert _largest_difference(np.ones(2), np.ones(3)) == math.inf
 
 
 @pytest.mark.slow

@@ -39,6 +39,13 @@ class OfFormula(optimise.MedianCapacity):
         return self.suite.map_motions(least)
 
 
+class OfSeparateColumns(OfFormula):
+    """Target with a formula that depends on the positions of the columns."""
+
+    def least_scales(self, podium, options):
+        return super().least_scales(podium, options) * jnp.sum(podium.elevation.columns**2)
+
+
 Known: Any = OfFormula
 
 
@@ -122,6 +129,19 @@ def test_two_variables_by_fresh_samples():
     assert (
         pytest.approx(alpha / R, rel=0.15) == 0.2 * R
     )  # ratio of ∂f/∂R and ∂f/∂α, equal to that of the target
+
+
+def test_starts_without_a_valid_structure_are_left_out():
+    """The columns of some random starts overlap."""
+    column = optimise.Dimensions(
+        width=0.2, height=3.0, column_mass=500.0, beam_mass=3e4, positions=[0.0, 1.0]
+    )
+    target: Any = OfSeparateColumns(1.0, optimise.FreshSamples(records(40), 4, verify=4))
+    box = {"width": (0.2, 0.9), "position_1": (0.0, 0.75)}
+    answer = optimise.design(column, box, slenderness, target, method=ADAM, starts=4, max_iterations=2)
+    is_finite = [np.isfinite(start.objective) for start in answer.starts]
+    assert any(is_finite)
+    assert not all(is_finite)
 
 
 def test_infeasible_targets_are_reported():

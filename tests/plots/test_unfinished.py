@@ -1,5 +1,7 @@
 """Plots of made-up datasets with scenes that did not finish, whose peaks are zero or partial."""
 
+from types import SimpleNamespace
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -7,6 +9,8 @@ import xarray
 from matplotlib.collections import PolyCollection
 from matplotlib.contour import ContourSet
 
+import rockjax as rj
+from rockjax import _results as results
 from rockjax import plots
 from rockjax._responses.datasets import describe_podium
 from rockjax._results import END_OF_TIME, OUT_OF_STEPS, OVERTURNED, WEIGHTLESS
@@ -113,6 +117,18 @@ def test_boundaries_of_a_grid_lie_between_scenes_that_finished(monkeypatch):
     assert found["minimum"][5] == found["acceleration_ratio"][1] == 3.2
     assert np.isnan(found["minimum"].values[[2, 3, 4, 6, 7]]).all()
     assert found.sizes["boundary"] == 2
+
+
+def test_scenes_of_a_bisection_that_did_not_finish_cause_a_warning(monkeypatch):
+    codes = np.array([0, OUT_OF_STEPS])
+    peaks = SimpleNamespace(result=results.result_of(codes), overturned=codes == 2)
+    monkeypatch.setattr(grid_boundaries, "responses", lambda *_: peaks)
+    index = np.zeros(2, int)
+    overturns = grid_boundaries._outcome_function(
+        [PODIUMS["frame"]], [spectrum()], rj.Ricker, index, index, rj.Options(), False
+    )
+    with pytest.warns(RuntimeWarning, match="1 of 2 scenes did not finish"):
+        assert not overturns(np.array([3.0, 4.0])).any()
 
 
 def test_windows_of_survival_end_at_scenes_that_did_not_finish():

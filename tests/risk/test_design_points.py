@@ -81,6 +81,27 @@ def test_a_frame_has_the_limit_state_of_its_equivalent_block(factor):
     assert 0 < (values[0] <= 0).sum() < 64
 
 
+def test_parameters_of_random_pulses_have_sensitivities():
+    """The numbers of a pulse may be Python floats. Without names of parameters, `log_slopes` needs no
+    sensitivities."""
+
+    def limit_state(median: float) -> StructureLimitState:
+        pulse = rj.RandomPulse(rj.Lognormal(median, 0.3), rj.Lognormal(1.2, 0.2), centre=1.2)
+        motion = dataclasses.replace(MOTION, pulse=pulse)
+        return StructureLimitState(BLOCK, motion, parse_limit("test", "overturning", BLOCK))
+
+    limit, h = limit_state(0.4), 1e-4
+    u = np.random.default_rng(2).normal(scale=0.5, size=(2, limit.dimension))
+    values, slope, by_location = limit.with_sensitivities(u)
+    np.testing.assert_allclose(values, limit.values(u), rtol=1e-6)
+    up, down = (limit_state(0.4 + sign * h).values(u) for sign in (1, -1))
+    np.testing.assert_allclose(by_location["pulse.amplitude.median"], (up - down) / (2 * h), rtol=1e-3)
+    value, along, by_name = limit.log_slopes(u, ())
+    np.testing.assert_allclose(value, values, rtol=1e-6)
+    np.testing.assert_allclose(along, np.sum(slope * u, axis=1), rtol=1e-9)
+    assert by_name.shape == (2, 0)
+
+
 @pytest.mark.slow
 def test_slopes_of_the_distance_are_those_of_design_points_found_again(monkeypatch):
     limit = parse_limit("test", ("rotation", 0.2), BLOCK)

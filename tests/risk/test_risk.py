@@ -378,6 +378,8 @@ def test_fragilities_are_written_for_openquake_and_read_back(tmp_path):
     (tmp_path / "no.xml").write_text("<nrml/>")
     with pytest.raises(ValueError, match="has no fragilityModel"):
         rj.read_fragility_model(tmp_path / "no.xml")
+    with pytest.raises(ValueError, match=r"missing\.xml: the file cannot be read: No such file"):
+        rj.read_fragility_model(tmp_path / "missing.xml")
     with pytest.raises(ValueError, match=r"intensity measure must be .*got 'scale'"):
         rj.write_fragility_model(tmp_path / "x.xml", fragility("scale", "1"))
 
@@ -549,6 +551,18 @@ def test_its_spread_is_exact():
     assert float(long.standard_deviation()[-1]) == pytest.approx(
         0.96899, rel=2e-3
     )  # for noise that is constant over dt
+
+
+def test_its_spread_has_derivatives():
+    """The standard deviation is proportional to √S₀. At the first sample it is 0."""
+    few = rj.GaussianMotion(31, 0.08, 0.02)
+
+    def largest(S_0):
+        spread = dataclasses.replace(few, S_0=S_0).standard_deviation()
+        return jnp.max(spread) + spread[0]
+
+    value, slope = jax.value_and_grad(largest)(0.02)
+    assert float(slope) == pytest.approx(0.5 * float(value) / 0.02, rel=1e-10)
 
 
 def test_motions_are_linear_repeatable_and_batched():
@@ -802,6 +816,24 @@ def test_monte_carlo_and_its_interval():
     low, high = found.interval
     assert low < EXACT["parabola"][2] < high
     assert found.effective_sample_size == round(found.probability * found.scenes)
+
+
+def test_progress_counts_the_scenes():
+    """A progress bar needs only a method `update`, and may already have counted other work."""
+
+    class Counter:
+        def __init__(self):
+            self.total, self.n = 0, 10**6
+
+        def update(self, number):
+            self.total += number
+
+    counter = Counter()
+    found = rj.reliability(parabola, 2, method="monte-carlo", cov=0.2, seed=1, progress=counter)
+    assert counter.total == found.scenes
+    del counter.n
+    rj.reliability(parabola, 2, method="monte-carlo", cov=0.2, seed=1, progress=counter)
+    assert counter.total == 2 * found.scenes
 
 
 def ball(u):
@@ -1098,6 +1130,11 @@ def test_design_points_of_restrained_podiums(podium, limit, output, name, place)
     assert abs(line.probability - subset.probability) < 4 * spread
     assert set(line.sensitivities) == set(first.sensitivities)
     assert all(np.isfinite(pair).all() for pair in line.sensitivities.values())
+
+
+def test_a_limit_is_one_number():
+    with pytest.raises(ValueError, match=r"limit 'rotation' .* must be finite and > 0, got .*\[0.1, 0.2\]"):
+        parse_limit("test", ("rotation", [0.1, 0.2]), BLOCK)
 
 
 def test_limits_that_a_structure_has_not_are_refused():

@@ -364,6 +364,8 @@ def test_broadening_is_the_running_maximum_over_log_periods(suite):
         inside = (fine >= period / 1.15) & (fine <= period / 0.85)
         assert float(broad["pseudo_acceleration"][0, 0, k]) == pytest.approx(values[inside].max(), rel=1e-4)
     np.testing.assert_allclose(rj.broadened(one, 0.0)["pseudo_acceleration"], one["pseudo_acceleration"])
+    for name in ("overturned", "overturn_time", "result"):
+        assert (broad[name] == one[name]).all() or np.isnan(one[name]).all()
     with pytest.raises(ValueError, match=r"broadened: ratio must be in \[0, 1\), got ratio = 1"):
         rj.broadened(one, 1.0)
 

@@ -409,6 +409,16 @@ def test_records_that_never_overturn_are_censored(analysis):
         rj.fragility(rj.incremental_dynamic_analysis(BLOCK, table, levels[:1] / 2, resolution=64))
 
 
+def test_a_fit_to_capacities_with_unknown_derivatives_has_none():
+    capacity = np.array([0.5, 0.8, 1.3, np.inf])
+    fit = lambda x: _lognormal.fit_capacities(x, jnp.full(4, 2.0)).median
+    median, known = jax.jvp(fit, (capacity,), (np.array([0.5, 0.8, 1.3, 0.0]),))
+    # The censored capacity keeps its bound, so the median grows less than in proportion to the others.
+    assert 0 < known < median
+    _, unknown = jax.jvp(fit, (capacity,), (np.array([0.5, np.nan, 1.3, 0.0]),))
+    assert np.isnan(unknown)
+
+
 def test_records_with_unfinished_scenes_are_censored_below_them():
     """Capacities above 0.9 are unknown, and then also those above 0.3 of four records."""
     levels, capacity = np.array([0.3, 0.6, 0.9, 1.2]), np.geomspace(0.2, 3.0, 12)
@@ -430,6 +440,10 @@ def test_records_with_unfinished_scenes_are_censored_below_them():
     best = scipy.optimize.minimize(loss, [0.0, 0.0], method="Nelder-Mead", options={"xatol": 1e-9}).x
     curve = rj.fragility(high)
     np.testing.assert_allclose([curve["median_capacity"], curve["dispersion"]], np.exp(best), rtol=1e-6)
+    # A capacity above a scene that did not finish is not exact either.
+    found_above = high.assign(capacity=high["capacity"].where(np.arange(12) < 11, 1.1))
+    again = rj.fragility(found_above)
+    assert float(again["median_capacity"]) == pytest.approx(float(curve["median_capacity"]), rel=1e-12)
     # On the bounds of the median, the profile likelihood is below its maximum by the quantile of Student's t.
     fall = 6 * np.log1p(scipy.stats.t(11).ppf(0.95) ** 2 / 11)
     for bound in np.log(curve["interval"].sel(quantity="median_capacity").values):
@@ -459,13 +473,16 @@ def test_limits_refer_to_peaks_that_the_structure_has():
 
 def test_a_distribution_censors_records_below_scenes_that_did_not_finish(monkeypatch):
     def boundary(podium, motion, **_):
-        found = rj.Boundary(jnp.inf, False, 0, 1.0, False, jnp.where(motion.which < 1, 4.0, 0.001))
+        scale = jnp.array([jnp.inf, 5.0, 4.0])[motion.which]
+        finished_to = jnp.array([2.0, 3.0, 10.0])[motion.which]
+        found = rj.Boundary(scale, True, 0, 1.0, False, 2.0, finished_to)
         return jax.tree.map(jnp.asarray, found)
 
     monkeypatch.setattr(fragility, "overturning_boundary", boundary)
-    monkeypatch.setattr(fragility, "fit_capacities", lambda capacity, limit: limit)
-    limits = rj.overturning_distribution(BLOCK, TABLE, max_scale=10.0, measure=np.array([1.0, 2.0, 3.0]))
-    np.testing.assert_allclose(limits, [6.0, 19.998, 29.997])
+    monkeypatch.setattr(fragility, "fit_capacities", lambda capacity, limit: (capacity, limit))
+    found = rj.overturning_distribution(BLOCK, TABLE, max_scale=10.0, measure=np.array([1.0, 2.0, 3.0]))
+    np.testing.assert_allclose(found[0], [np.inf, np.inf, 12.0])
+    np.testing.assert_allclose(found[1], [2.0, 6.0, 30.0])
 
 
 @pytest.mark.parametrize(("count", "levels"), [(1, [12.0]), (2, [0.5, 12.0])])

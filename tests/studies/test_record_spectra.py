@@ -98,6 +98,24 @@ def test_vertical_motions_are_not_left_out():
         assert float(peak.peak_rotation) != pytest.approx(float(alone.peak_rotation), rel=1e-3)
 
 
+def test_options_need_not_request_the_rotation(monkeypatch):
+    requested = []
+    codes = np.zeros(4, int)
+    peaks = SimpleNamespace(result=results.result_of(codes), peak_rotation=codes * 0.1, overturned=codes > 0)
+    crossings = Crossings(np.zeros(0, int), np.zeros(0), np.zeros(0, bool), np.zeros(0, int))
+    search = Scan(crossings, codes < 9, np.ones(4), np.zeros(4), 100, np.ones(4), -np.ones(4))
+
+    def solve(*_, options, **__):
+        requested.extend(options.outputs)
+        return peaks
+
+    monkeypatch.setattr(record_spectra, "peak_responses", solve)
+    monkeypatch.setattr(record_spectra, "scan", lambda *_, **__: search)
+    monkeypatch.setattr(record_spectra, "precompile_scan", lambda *_: None)
+    rj.record_spectrum(BLOCK, RECORDS, SIZES[:2], options=rj.Options(outputs=("margin",)))
+    assert requested == ["margin", "peak_rotation"]
+
+
 def test_scenes_that_did_not_finish_have_no_peaks(monkeypatch):
     codes, rotation = np.array([0, 9, 2, 3]), np.array([0.5, 0.0, 1.0, 0.3])
     peaks = SimpleNamespace(result=results.result_of(codes), peak_rotation=rotation, overturned=codes == 2)

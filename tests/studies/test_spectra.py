@@ -9,6 +9,7 @@ import xarray
 import rockjax as rj
 from rockjax import plots
 from rockjax._files import write_atomically
+from rockjax._studies import spectra
 from tests.scenes import PODIUMS, G, pulse
 
 X, Y = np.linspace(1.5, 8, 7), np.linspace(1, 8, 6)
@@ -124,6 +125,23 @@ def test_a_spectrum_with_other_options_is_not_resumed(spectrum, change, words):
     xarray.testing.assert_equal(
         rj.rocking_spectrum(PODIUMS["rigid"], rj.Ricker, X, Y, resume=spectrum), spectrum
     )
+
+
+def test_a_spectrum_of_another_function_is_not_resumed(spectrum):
+    """Functions of the same name are told apart by their pulses."""
+    of = lambda pulse: spectra._attributes(PODIUMS["rigid"], pulse, rj.Options())
+    first, again, other = (
+        of(lambda a, T: rj.Ricker(a, T)),
+        of(lambda amplitude, period: rj.Ricker(amplitude, period)),
+        of(lambda a, T: rj.Ricker(a, 2 * T)),
+    )
+    assert first == again
+    assert first["pulse"] == other["pulse"]
+    assert "pulse_sha256" not in spectrum.attrs
+    with pytest.raises(ValueError, match="was computed with pulse_sha256 = "):
+        rj.rocking_spectrum(
+            PODIUMS["rigid"], lambda a, T: rj.OneSine(a, T), X, Y, resume=spectrum.assign_attrs(first)
+        )
 
 
 @pytest.mark.slow
