@@ -563,19 +563,22 @@ def test_motions_whose_vertical_component_carries_the_weight(tmp_path):
 
 
 def test_amplitudes_of_pulses_below_which_scenes_did_not_finish(tmp_path, monkeypatch):
-    for scale, width, limit, result in (
+    for scale, end, limit, result in (
         (3.0, 1.0, 2.0, "UNDECIDED"),
+        (3.0, 2.5, 2.0, "PASS"),
         (3.0, 1.0, 4.0, "FAIL"),
-        (np.inf, 1.0, 2.0, "UNDECIDED"),
-        (3.0, 1e-3, 2.0, "PASS"),
+        (np.inf, 1.5, 2.0, "UNDECIDED"),
+        (3.0, 20.0, 2.0, "PASS"),
     ):
         problem = read(tmp_path, PULSES.replace("0.1\nunit", f"{limit / 9.80665}\nunit"))
-        boundary = SimpleNamespace(scale=scale, certain_width=width)
+        boundary = SimpleNamespace(scale=scale, finished_to=end)
         monkeypatch.setattr(searches, "acceleration_boundary", lambda *_, y=boundary, **__: y)
         (entry,) = problem.checks
         values = KINDS[entry.kind].values(entry, Scenes(problem, Store(), {}))
         assert result_of_minimum(values, limit) == result
-        assert values.texts[0] in ("", "no overturning in the scenes that finished")
+        threshold = 9.80665 * 0.2  # g tan α
+        text = f"no overturning up to {end / threshold:.4g} g tan α"
+        assert values.texts == (("" if np.isfinite(scale) else text),) * 2
 
 
 def test_capacities_below_which_scenes_did_not_finish(tmp_path, monkeypatch):

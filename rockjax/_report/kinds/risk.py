@@ -36,13 +36,16 @@ from rockjax._structures import Podium
 from rockjax._units import unit_of_measure
 
 from .base import Kind, Values, one_value, unanswered_scenes
-from .searches import ROUNDING_ALLOWANCE, UNFINISHED
+from .searches import UNFINISHED
 
 if TYPE_CHECKING:
     import xarray
 
 INTERVAL = 1.96  # standard errors on each side of a 95 % interval of a normal distribution
 UNTESTED = "assumptions are not tested"
+# If the `certain_width` of a search exceeds the requested width by more than this factor, the cause is not
+# rounding, but scenes that did not finish.
+ROUNDING_ALLOWANCE = 1.01
 
 
 @dataclasses.dataclass(frozen=True)

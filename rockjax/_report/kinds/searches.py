@@ -13,7 +13,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from rockjax._boundaries.boundary import MAX_ACCELERATION_RATIO, Boundary, acceleration_boundary
-from rockjax._boundaries.margin import DEFAULT_WIDTH
 from rockjax._excitations.pulses import PULSES
 from rockjax._problem import models
 from rockjax._problem.models import require_one
@@ -42,9 +41,6 @@ if TYPE_CHECKING:
     import xarray
 
 UNFINISHED = "scenes at lower factors did not finish"
-# If `rockjax.Boundary.certain_width` exceeds the requested width by more than this factor, the cause is not
-# rounding, but scenes that did not finish.
-ROUNDING_ALLOWANCE = 1.01
 
 
 def searched_values(
@@ -147,7 +143,6 @@ class PulseKind(Kind):
         defaults = {
             "options": boundary_options(scenes.problem),
             "max_acceleration_ratio": MAX_ACCELERATION_RATIO,
-            "width": DEFAULT_WIDTH,
         }
         return defaults | given
 
@@ -157,9 +152,10 @@ class PulseKind(Kind):
         return g_tan_alpha(podium.alpha, podium.g) if entry.arguments.get("ratio") else jnp.ones(())
 
     def _amplitudes(self, entry: Entry, scenes: Scenes) -> xarray.Dataset:
-        """Return a dataset along `pulse`: the least overturning `amplitude` for each period, in the unit of
-        the limit, and whether the search `is_open` because scenes at lower amplitudes did not finish. The
-        amplitude is inf if no searched amplitude overturns the columns."""
+        """Return a dataset along `pulse`, in the unit of the limit: the least overturning `amplitude` for
+        each period, and the amplitude `end` up to which all scenes finished. The variable `is_open` is True
+        if scenes below `amplitude` did not finish. `amplitude` is inf if no searched amplitude overturns the
+        columns."""
         import xarray
 
         podium = scenes.problem.podium
@@ -167,12 +163,12 @@ class PulseKind(Kind):
 
         def solve() -> xarray.Dataset:
             cases = range(np.size(entry.arguments["T_p"]))
-            found = [self._boundary(entry, scenes, k, podium) for k in cases]
-            settings, unit = self._settings(entry, scenes), float(self._unit(entry, podium))
-            width = settings["width"] * settings["max_acceleration_ratio"]
-            allowed = ROUNDING_ALLOWANCE * width * float(g_tan_alpha(podium.alpha, podium.g))
-            data = {"amplitude": [float(y.scale) / unit for y in found]}
-            data["is_open"] = [float(y.certain_width) > allowed for y in found]
+            boundaries = [self._boundary(entry, scenes, k, podium) for k in cases]
+            found = [(y.scale, y.finished_to) for y in boundaries]
+            unit = float(self._unit(entry, podium))
+            amplitude, end = (np.array([float(y) for y in z]) / unit for z in zip(*found, strict=True))
+            is_open = np.isfinite(amplitude) & (end < just_below(amplitude))
+            data = {"amplitude": amplitude, "end": end, "is_open": is_open}
             return xarray.Dataset({name: ("pulse", y) for name, y in data.items()})
 
         return scenes.store.get(f"pulses.{entry.id}", inputs_hash, solve)
@@ -180,19 +176,17 @@ class PulseKind(Kind):
     def values(self, entry: Entry, scenes: Scenes, law: str | None = None, variation: str = "") -> Values:
         del law, variation
         data = self._amplitudes(entry, scenes)
-        amplitudes, is_open = data["amplitude"].values, data["is_open"].values.astype(bool)
-        end = self._settings(entry, scenes)["max_acceleration_ratio"]
-        where = np.where(is_open, "in the scenes that finished", f"up to {end:g} g tan α")
+        amplitudes, ends, is_open = (data[name].values for name in ("amplitude", "end", "is_open"))
+        podium = scenes.problem.podium
+        ratios = ends * float(self._unit(entry, podium) / g_tan_alpha(podium.alpha, podium.g))
         texts = tuple(
-            "" if np.isfinite(y) else f"no overturning {y_where}"
-            for y, y_where in zip(amplitudes, where, strict=True)
+            "" if np.isfinite(y) else f"no overturning up to {ratio:.4g} g tan α"
+            for y, ratio in zip(amplitudes, ratios, strict=True)
         )
         pulse = entry.arguments["pulse"].__name__
         names = tuple(f"{pulse}, T_p = {y:.4g} s" for y in np.atleast_1d(entry.arguments["T_p"]))
         errors = np.where(np.isfinite(amplitudes), amplitudes * BOUNDARY_ERROR, np.nan)
-        podium = scenes.problem.podium
-        largest = end * float(g_tan_alpha(podium.alpha, podium.g) / self._unit(entry, podium))
-        ends = np.where(is_open, 0.0, largest)
+        is_open = is_open.astype(bool)
         return searched_values(amplitudes, errors, ends, entry, is_open, texts=texts, names=names)
 
     def slopes_function(self, entry: Entry, scenes: Scenes, case: int) -> SlopesFunction:
@@ -214,10 +208,9 @@ class PulseKind(Kind):
 
     def tested_scenes(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
         podium = scenes.problem.podium
-        end = self._settings(entry, scenes)["max_acceleration_ratio"]
-        largest = end * float(g_tan_alpha(podium.alpha, podium.g))
-        amplitudes = self._amplitudes(entry, scenes)["amplitude"].values * float(self._unit(entry, podium))
-        amplitudes = just_below(amplitudes, largest)
+        data = self._amplitudes(entry, scenes)
+        amplitudes = just_below(data["amplitude"].values, data["end"].values)
+        amplitudes = amplitudes * float(self._unit(entry, podium))
         pulse = entry.arguments["pulse"]
         periods = np.atleast_1d(entry.arguments["T_p"])
         pulses = [pulse(float(a), float(T)) for a, T in zip(amplitudes, periods, strict=True)]
