@@ -411,6 +411,26 @@ number = "1"
     assert not re.search(r"\b(nan|inf|None)\b|\{\{|\{%", text)
 
 
+def test_a_joint_that_opens(tmp_path):
+    """The heavy beam lies so high that a joint opens. Checks of the motion are not valid, the check of the
+    friction fails, and the page states when the joint opens."""
+    path = tmp_path / "problem.toml"
+    text = FILE.replace("positions = [-4.0, 0.0, 4.0]", "positions = [-1.0, 0.0, 1.0]")
+    path.write_text(text.replace("beam_depth = 0.5", "beam_depth = 6.0"), encoding="utf-8")
+    made = rj.report(path, skip=("spread", "methods"))
+    checks = {check.id: check for check in made.evaluation.checks}
+    assert (checks["C1"].result, checks["C1"].violated) == ("NOT VALID", ("A7",))
+    assert (checks["C3"].result, checks["C3"].state) == ("FAIL", "joint opens")
+    row = next(y for y in made.tables["assumptions"].rows if y[0].text == "A7")
+    assert row[3].state == "violated"
+    assert not made.verified
+    problem = made.evaluation.problem
+    response = rj.simulate(problem.podium, problem.motions["pulses"].members[checks["C3"].governing])
+    time = float(re.search(r"joint opens at (\S*) s", made.html)[1].replace("−", "-"))
+    least = [float(np.min(response.joint_forces(time + dt).axial)) for dt in (-0.05, 0.02)]
+    assert least[0] >= 0 > least[1]
+
+
 def test_another_text_solves_nothing_again(folder, report):
     path = folder / "titled.toml"
     path.write_text(f'[project]\ntitle = "Another"\n{FILE}', encoding="utf-8")
@@ -433,7 +453,7 @@ def test_the_report_is_accessible(browser, folder, report, width, theme):
 def test_the_printed_report_has_every_row(browser, folder, report):
     """The summary is on page 1, and every row is on one page."""
     pages = printed(browser, folder / "page.html")
-    assert all(check.id in pages[0] for check in report.evaluation.checks)
+    assert all(re.search(rf"\b{check.id}\b", pages[0]) for check in report.evaluation.checks)
     missing = []
     for name, table in report.tables.items():
         for row in table.rows if name != "summary" else ():  # the summary has bars and symbols instead
@@ -503,6 +523,75 @@ def test_the_command_writes_the_page(folder, report, quiet):
     assert "u_b at max|θ|" in output.read_text(encoding="utf-8")
     assert ("Not verified: of 7 checks" in found.output) != quiet
     assert (folder / f"tables-{quiet}" / "summary.csv").exists()
+
+
+def run(*words):
+    """Run a command line, and return the result."""
+    from typer.testing import CliRunner
+
+    from rockjax._cli import app
+
+    return CliRunner().invoke(app, ["report", *map(str, words)])
+
+
+def with_scenes(folder, name, text):
+    """Write a problem file, and beside its page the solved scenes of the first report. Return both paths."""
+    path, output = folder / f"{name}.toml", folder / f"{name}.html"
+    path.write_text(text, encoding="utf-8")
+    output.with_suffix(".nc").write_bytes((folder / "page.nc").read_bytes())
+    return path, output
+
+
+def test_options_of_the_command(folder, report):
+    """Units change the page, but not the numbers in the JSON file. Parts that are left out are named."""
+    path, output = with_scenes(folder, "options", FILE)
+    workbook = folder / "options.xlsx"
+    found = run(path, "-o", output, "--units", "MN,cm", "--xlsx", workbook, "--skip", "spread", "--json")
+    assert found.exit_code == 1, found.output
+    result = json.loads(found.stdout)
+    assert result["checks"]["C1"] == "PASS"
+    assert result["verdict"] == report.evaluation.verdict
+    assert workbook.exists()
+    page = output.read_text(encoding="utf-8")
+    assert "[cm]" in page
+    assert "Left out on request: spread." in page
+    tables = [json.loads(y.read_text()) for y in (output.with_suffix(".json"), folder / "page.json")]
+    same = [
+        {key: y["tables"][key] for key in ("rotation-pulses", "inputs", "modes") if key in y["tables"]}
+        for y in tables
+    ]
+    assert same[0] == same[1]
+
+
+def test_a_report_whose_checks_pass_has_the_exit_status_0(folder, report):
+    only_first = FILE[: FILE.index("[[checks]]", FILE.index("[[checks]]") + 1)]
+    path, output = with_scenes(folder, "passing", only_first)
+    found = run(path, "-o", output, "-q", "--skip", "spread,methods")
+    assert found.exit_code == 0, found.output
+    assert "Verified: the only check passes." in output.read_text(encoding="utf-8")
+
+
+def test_wrong_options_of_the_command(folder, report, monkeypatch):
+    """Nothing is computed or written."""
+    path, output = with_scenes(folder, "wrong", FILE)
+    found = run(path, "-o", folder / "wrong.pdf")
+    assert isinstance(found.exception, ValueError)
+    assert "print the page from a browser" in str(found.exception)
+    monkeypatch.setitem(sys.modules, "xlsxwriter", None)
+    found = run(path, "-o", output, "--xlsx", folder / "wrong.xlsx")
+    assert isinstance(found.exception, ValueError)
+    assert "pip install" in str(found.exception)
+    assert not output.exists()
+
+
+def test_a_report_from_an_evaluation(folder, report):
+    again = rj.report(report.evaluation, units="MN,cm")
+    assert again.tables.keys() == report.evaluation.tables.keys() == report.tables.keys()
+    assert again.tables["rotation-pulses"] == report.tables["rotation-pulses"]
+    assert again.written == ()
+    assert again._repr_html_().startswith("<iframe srcdoc=")
+    assert again.to_xlsx(folder / "again.xlsx").stat().st_size > 1000
+    assert "C1     PASS" in repr(again)
 
 
 @pytest.mark.parametrize("is_solved", [False, True])

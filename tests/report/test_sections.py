@@ -128,15 +128,18 @@ def test_extremes_are_those_of_scenes_that_survive():
 
 def test_changes_name_what_overturns():
     """The summary and section 8 name the motion that overturns with a changed input."""
-    entry, kind = SimpleNamespace(id="C1", motions="set", keys=SimpleNamespace(name="θ")), SimpleNamespace()
+    entry = SimpleNamespace(id="C1", motions="set", keys=SimpleNamespace(name="p"))
+    kind = SimpleNamespace(name="contact-pressure", has_limit=True, is_minimum=False)
     spread = {"width": (np.inf, 0.5), "height": (0.6, np.inf)}
     events = {("width", 0): "overturned (M9)", ("height", 1): "joint opens (M3)"}
     check = Check(entry, kind, "PASS", utilisation=0.6, spread=spread, spread_events=events)
     text = plain(summary._spread(check), Units.si())
     assert text == "from 0.50; overturned (M9) with width −; joint opens (M3) with height +"
-    rows = {row[0].text: row for row in influences._table(check).rows}
+    rows = {row[0].text: row for row in influences._table(check, 0.05).rows}
     assert (rows["width"][2].text, rows["width"][2].state) == ("overturned (M9)", "overturned")
     assert rows["height"][2].value == 0.6
+    for name in ("limit", "joints.contact_width", "joints.contact_depth"):  # U is inversely proportional
+        assert [cell.value for cell in rows[name][1:]] == [-1, 0.6 / 0.95, 0.6 / 1.05]
 
 
 def test_derivatives_of_annual_frequencies_and_medians(monkeypatch):

@@ -24,15 +24,19 @@ _NOTE = (
 def section(evaluation: Evaluation, units: Units) -> Section:
     """Return section 8 of the page."""
     del units
-    tables = [_table(check) for check in evaluation.checks if check.sensitivities or check.spread]
+    spread = evaluation.problem.report.spread
+    tables = [_table(check, spread) for check in evaluation.checks if check.sensitivities or check.spread]
     if not tables:
         text = "No check has a derivative or a spread to show."
         return Section(8, "Influence of the inputs", (Paragraph(text),))
     return Section(8, "Influence of the inputs", (Paragraph(_NOTE, is_note=True), *tables))
 
 
-def _table(check: Check) -> Table:
-    """Return the table of a check: derivatives of its utilisation, and utilisations with changed inputs."""
+def _table(check: Check, spread: float) -> Table:
+    """Return the table of a check: derivatives of its utilisation, and utilisations with changed inputs.
+
+    `spread`: relative change of the inputs
+    """
     columns = (
         Column("Input"),
         Column("d ln U/d ln y", "number"),
@@ -59,4 +63,22 @@ def _table(check: Check) -> Table:
     is_finite = math.isfinite(check.utilisation)
     u = Quantity(check.utilisation, "utilisation") if is_finite else "no finite value"
     caption = ("Check ", check.id, f", {check.name}{suffix}: U = ", u)
-    return Table(f"influences-{slug(check.id)}", caption, columns, tuple(map(row, names)))
+    rows = (*map(row, names), *_exact_rows(check, spread))
+    return Table(f"influences-{slug(check.id)}", caption, columns, rows)
+
+
+def _exact_rows(check: Check, spread: float) -> list[tuple[Cell, ...]]:
+    """Return the rows of the inputs to which U is proportional or inversely proportional: the limit, and for
+    a contact pressure the contact area. `spread`: relative change of the inputs."""
+    u = check.utilisation
+    if not (math.isfinite(u) and u > 0) or not check.kind.has_limit:
+        return []
+    exponents = {"limit": 1 if check.kind.is_minimum else -1}
+    if check.kind.name == "contact-pressure":
+        exponents |= {"joints.contact_width": -1, "joints.contact_depth": -1}
+
+    def cells(exponent: int) -> list[Quantity]:
+        ends = [u * (1 + change) ** exponent for change in (-spread, spread)]
+        return [Quantity(exponent, "number"), *(Quantity(y, "utilisation") for y in ends)]
+
+    return [(TextCell(name), *cells(exponent)) for name, exponent in exponents.items()]

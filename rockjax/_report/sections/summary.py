@@ -88,7 +88,8 @@ def _value(check: Check, problem: Problem, instant: Instant | None) -> Quantity 
     """
     if not math.isfinite(check.value):
         if check.state == "joint opens" and instant is not None:
-            return TextCell(f"{check.text} at {instant.time:.2f} s", check.state)
+            time = f"{instant.time:.2f}".replace("-", "−")
+            return TextCell(f"{check.text} at {time} s", check.state)
         return TextCell(check.text, check.state)
     kind, note = check.entry.quantity, ()
     if check.kind.name == "peak-rotation":
