@@ -30,7 +30,7 @@ RESERVED = (
     "exceeded_alpha", "overturned", "overturn_time", "uplifted", "uplift_time", "end_time", "impacts",
     "smallest_impact_speed", "values", "sensitivities", "on_floors", "errors", "undecided", "result", "stats",
     "steps", "user_outputs", "joints_closed", "energetic", "last_energetic", "fall", "fall_time",
-    "edge_distance",
+    "edge_distance", "has_elevation",
 )  # fmt: skip
 
 

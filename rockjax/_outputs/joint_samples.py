@@ -70,7 +70,7 @@ class SampleForces(NamedTuple):
             change = jnp.abs(arms.beam) * beam.horizontal + half_width * rising[1]
             mean = [mean_forces(c, sigma, *y).top[1] for y in (sample.start, sample.end)]
             if arms.raised is not None:
-                change = change + arms.raised * _leaning(c, beam, *mean, rising[1])
+                change = change + arms.raised * _leaning(c, beam, mean[0], mean[1], rising[1])
             change = change / arms.mean_square
             changes = [jnp.abs(x) * change for x in offsets]
             transferred = [
