@@ -39,7 +39,8 @@ class FailureProbability(AbstractTarget):
     """A random ground motion makes the structure fail with a probability of at most `at_most`.
 
     - `at_most`: probability, 1e-9 ≤ at_most ≤ 0.3 [–]; `motion`: a [`rockjax.GaussianMotion`][]
-    - `limit`: limit state, as for [`rockjax.failure_probability`][]
+    - `limit`: limit state, as for [`rockjax.failure_probability`][]. A limit on forces in the joints excludes
+      design variables that change the height or the end radius of round columns
     - `cov`: coefficient of variation of the estimates, in [0.02, 0.5]; `seed`: seed of the random numbers,
       ≥ 0
     - `rays`: largest number of rays (see below) from which the search computes the probability, ≥ 8

@@ -20,9 +20,10 @@ from ._answer import SampleEstimates
 from ._failure import FailureProbability, RayTarget
 from ._quadratic import Vector
 from ._targets import AbstractTarget
-from ._variables import Variables
+from ._variables import Dimensions, Variables
 
 ZERO_REPLACEMENT = 1e-9  # replaces varied parameters that are 0 and therefore have no logarithm
+JOINT_LIMITS = ("friction", "unloading", "foundation shear")  # limits on forces in the joints
 
 
 class MarginSlope(NamedTuple):
@@ -66,11 +67,14 @@ class SampledTargets:
 
     - `variables`: the design variables; `targets`: all targets of the design
 
-    The attribute `targets` contains only the sampled targets: index among all targets → target.
+    The attribute `targets` contains only the sampled targets: index among all targets → target. Raises
+    `ValueError` for limits on forces in the joints if the height or the end radius of round columns varies.
     """
 
     def __init__(self, variables: Variables, targets: Sequence[AbstractTarget]):
         self.targets = {k: t for k, t in enumerate(targets) if isinstance(t, FailureProbability)}
+        for target in self.targets.values():
+            _check_levers(variables, target)
         self._parameters = _StructureParameters(variables) if self.targets else None
         self._first_podium = variables.podium(variables.start()) if self.targets else None
         self._ray_targets: dict[int, RayTarget] = {}
@@ -148,4 +152,19 @@ class SampledTargets:
         ray_targets = self._create_ray_targets()
         return SampleEstimates(
             {k: ray_target.checked_estimate(podium) for k, ray_target in ray_targets.items()}
+        )
+
+
+def _check_levers(variables: Variables, target: FailureProbability) -> None:
+    """Raise `ValueError` if the variables change the levers of forces in the joints of round columns, and the
+    limit of the target is on such forces. These levers are no named parameter, so their part of the
+    derivative would be missing."""
+    varied = [name for name in ("height", "end_radius") if name in variables.names]
+    if not varied or target.limit[0] not in JOINT_LIMITS or not isinstance(variables.base, Dimensions):
+        return
+    podium = jax.eval_shape(variables.podium, jax.ShapeDtypeStruct((len(variables.names),), float))
+    if podium.elevation is not None and podium.elevation._raised is not None:
+        raise ValueError(
+            f"FailureProbability: with round columns, the limit {target.limit[0]!r} has no derivatives with "
+            f"respect to {' and '.join(varied)}; keep the dimension fixed, or limit another response"
         )

@@ -234,6 +234,23 @@ def test_devices_that_start_at_zero_have_derivatives():
     assert _largest_difference(np.ones(2), np.ones(3)) == math.inf
 
 
+def test_levers_of_round_columns_must_be_fixed():
+    column = optimise.Dimensions(
+        width=0.45, height=3.0, column_mass=1.5e3, beam_mass=3e4, positions=[0.0, 2.0], end_radius=0.5
+    )
+    sliding, overturning = (
+        optimise.FailureProbability(1e-2, MOTION, limit=limit) for limit in (("friction", 0.5), "overturning")
+    )
+    for start, name in ((column, "height"), (column.replace(end_radius=0.0), "end_radius")):
+        box = make_variables(start, {name: (0.0, 0.6) if name == "end_radius" else (2.0, 4.0)})
+        with pytest.raises(ValueError, match=f"limit 'friction' has no derivatives with respect to {name}"):
+            SampledTargets(box, [sliding])
+        assert SampledTargets(box, [overturning]).targets
+    assert SampledTargets(make_variables(column, {"width": (0.3, 0.6)}), [sliding]).targets
+    flat = make_variables(column.replace(end_radius=0.0), {"height": (2.0, 4.0)})
+    assert SampledTargets(flat, [sliding]).targets
+
+
 @pytest.mark.slow
 def test_margins_have_derivatives_by_the_variables():
     """Derivatives also with respect to a parameter that is zero, and one that changes several parameters of
