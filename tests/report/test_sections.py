@@ -20,6 +20,9 @@ from rockjax._report.problem import MotionSet
 from rockjax._report.report import _write_both
 from rockjax._report.sections import assumptions, influences, instants, methods, motions, rocking, summary
 from rockjax._report.sections.accuracy import open_energy
+from rockjax._report.sections.common import column_offsets
+from rockjax._report.sections.force_equations import contact_area, in_weights, total_weight
+from rockjax._report.sections.structure import column_count
 from rockjax._report.tables import plain
 from rockjax._report.units import Units
 
@@ -266,4 +269,15 @@ def test_sharp_edges_are_tested_by_contact_pressures(results, state):
     ]
     cell, text = assumptions._contact_pressure(SimpleNamespace(checks=checks))
     assert cell.state == state
-    assert all(f"C{k}: U = 0.89, {word}." in text for k, word in enumerate(results))
+    shown = plain(text, Units.si())
+    assert all(f"C{k}: U = 0.89, {word}." in shown for k, word in enumerate(results))
+
+
+def test_columns_are_measured_from_their_mean(eight_storeys):
+    podium = eight_storeys.podium
+    np.testing.assert_array_equal(column_offsets(podium), np.asarray(podium.elevation.offsets))
+    assert column_count(eight_storeys) == 16
+    total = 16 * (1 + 5.291005291 + 26.984126984)
+    assert total_weight(eight_storeys) == pytest.approx(total, rel=1e-9)
+    assert in_weights(eight_storeys, 1.0).value == pytest.approx(4725 * 9.80665)
+    assert contact_area(eight_storeys) == pytest.approx(0.135)

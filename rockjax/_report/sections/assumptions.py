@@ -81,21 +81,22 @@ def _row(assumption: Assumption, evaluation: Evaluation) -> tuple[TextCell, ...]
     for name, reason in found.items():
         if isinstance(reason, str):
             without.setdefault(reason, []).append(name)
+    shown: Text = ()
     if assumption.id == "A6":  # the law of impact; the test compares the results of checks under other laws
         result, text = _changes(evaluation)
         texts = [*without, text]
     elif assumption.id == "A4":
-        result, text = _contact_pressure(evaluation)
-        texts = [text]
+        result, shown = _contact_pressure(evaluation)
+        texts = []
     else:
         result = _result(tuple(outcomes.values()), has_untested_set=bool(without))
         texts = [_sentence(name, outcome) for name, outcome in outcomes.items()]
         # The sets are named unless the reason applies to all of them.
         is_common = len(without) == 1 and not outcomes
         texts += [reason if is_common else f"{', '.join(sets)}: {reason}" for reason, sets in without.items()]
-    shown: Text = " ".join(texts) or "No scene was solved."
+    shown = shown or " ".join(texts) or "No scene was solved."
     if assumption.id == "A8":
-        shown = (shown, *_demands(evaluation))
+        shown = (*((shown,) if isinstance(shown, str) else shown), *_demands(evaluation))
     return (
         TextCell(assumption.id),
         TextCell(assumption.text),
@@ -146,7 +147,7 @@ def _changes(evaluation: Evaluation) -> tuple[TextCell, str]:
     return TextCell("makes no difference", "holds"), text
 
 
-def _contact_pressure(evaluation: Evaluation) -> tuple[TextCell, str]:
+def _contact_pressure(evaluation: Evaluation) -> tuple[TextCell, Text]:
     """Return the cell with the result for A4, from the checks of the contact pressure, and a text with these
     checks."""
     checks = [
@@ -156,13 +157,12 @@ def _contact_pressure(evaluation: Evaluation) -> tuple[TextCell, str]:
     ]
     if not checks:
         return TextCell("not tested", "not tested"), "Tested by checks of the kind contact-pressure only."
-    texts = [
-        f"{check.id}: U = {check.utilisation:.2f}, {check.result}."
-        if math.isfinite(check.utilisation)
-        else f"{check.id}: {check.result}."
-        for check in checks
-    ]
-    text = " ".join((*texts, "The width that bears at full load is to be confirmed."))
+    parts: list[Part] = []
+    for check in checks:
+        u = check.utilisation
+        parts += [f"{check.id}: ", *(("U = ", Quantity(u, "utilisation"), ", ") if math.isfinite(u) else ())]
+        parts.append(f"{check.result}. ")
+    text = (*parts, "The width that bears at full load is to be confirmed.")
     words = {check.result for check in checks}
     if "FAIL" in words:
         return TextCell("violated", "violated"), text

@@ -18,12 +18,14 @@ from rockjax._report.cells import slug
 from rockjax._report.evaluation import describe_error
 from rockjax._report.store import fingerprint
 from rockjax._report.tables import Column, Table, TextCell
+from rockjax._structures.elevation import Elevation
 
 if TYPE_CHECKING:
     import xarray
 
     from rockjax._report.evaluation import Check, Evaluation
     from rockjax._report.scenes import Scenes
+    from rockjax._structures import Podium
 
 NO_SCENE = TextCell("no scene survives", "overturned")  # in place of a number of the surviving scenes
 
@@ -105,3 +107,11 @@ def _tables(check: Check, scenes: Scenes) -> list[Table]:
     except Exception as error:
         caption, rows = f"Details of check {check.id}", ((TextCell(describe_error(error), "unanswered"),),)
         return [Table(f"details-{slug(check.id)}", caption, (Column("Error"),), rows)]
+
+
+def column_offsets(podium: Podium) -> np.ndarray:
+    """Return the positions of the columns from their mean [m], (N,). NumPy computes them, because outside jit
+    every operation of JAX compiles separately. `podium`: a structure with positions of the columns."""
+    assert isinstance(podium.elevation, Elevation)
+    positions = np.asarray(podium.elevation.columns, float)
+    return positions - positions.mean()

@@ -10,8 +10,9 @@ from rockjax._outputs.base import JOINT_NAMES
 from rockjax._report.blocks import Equation, Equations, Paragraph
 from rockjax._report.tables import Formula, Quantity, Text, TextCell
 
+from .common import column_offsets
 from .instants import Instant, column_text
-from .structure import derived_numbers
+from .structure import column_count, derived_numbers
 
 if TYPE_CHECKING:
     from rockjax._report.evaluation import Evaluation
@@ -48,9 +49,7 @@ def in_weights(problem: Problem, value: float) -> Quantity:
 def total_weight(problem: Problem) -> float:
     """Return the total weight of the structure, divided by the weight m_c g of a column."""
     podium = problem.podium
-    elevation, inputs = podium.elevation, {y.key: y.value for y in problem.inputs}
-    count = int(inputs.get("columns") or 0) if elevation is None else np.size(np.asarray(elevation.offsets))
-    return (1 + float(podium.gamma) + float(podium.eta)) * (count or 1)
+    return (1 + float(podium.gamma) + float(podium.eta)) * (column_count(problem) or 1)
 
 
 def contact_area(problem: Problem) -> float | None:
@@ -136,7 +135,7 @@ def _axial_force(problem: Problem, least: Extreme | None) -> Equation:
     formula, podium = Formula("axial_force"), problem.podium
     if least is None or least.instant is None or podium.elevation is None:
         return Equation(formula, label="F8")
-    instant, offsets = least.instant, np.asarray(podium.elevation.offsets, float)
+    instant, offsets = least.instant, column_offsets(podium)
     radius = Quantity(float(np.sqrt(np.mean(offsets**2))), "length")
     sign, x = _signed(float(offsets[int(instant.column)]))
     lever_sign, lever = _signed(instant.eccentricity * float(podium.width) / 2)

@@ -18,7 +18,7 @@ from rockjax._report.kinds.peaks import PeakKind
 from rockjax._report.tables import Quantity, Text
 from rockjax._structures.building import ShearBuilding
 
-from .common import governing_scene, sets_with_scenes, surviving_scenes
+from .common import column_offsets, governing_scene, sets_with_scenes, surviving_scenes
 
 if TYPE_CHECKING:
     import xarray
@@ -123,7 +123,12 @@ def _governing(scenes: Scenes, names: Sequence[str]) -> Iterator[tuple[str, int]
     extreme forces in the joints."""
     for entry in scenes.problem.checks:
         kind = KINDS[entry.kind]
-        if entry.motions in names and isinstance(kind, PeakKind) and not kind.missing(entry, scenes.problem):
+        if (
+            entry.motions
+            and entry.motions in names
+            and isinstance(kind, PeakKind)
+            and not kind.missing(entry, scenes.problem)
+        ):
             values = kind.values(entry, scenes)
             governing = statistic_of(values, entry.keys.statistic, kind.is_minimum).governing
             if values.states[governing] != "overturned" and _has_instant(kind.variable):
@@ -227,7 +232,7 @@ def column_text(problem: Problem, instant: Instant) -> Text:
         return "mean column"
     if np.isnan(instant.column):
         return "whole structure"
-    offsets = np.asarray(problem.podium.elevation.offsets, float)
+    offsets = column_offsets(problem.podium)
     return "x = ", Quantity(float(offsets[int(instant.column)]), "length", is_input=True)
 
 

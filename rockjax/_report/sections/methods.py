@@ -106,7 +106,9 @@ def _exact(evaluation: Evaluation, name: str, method: str) -> TextCell | Quantit
         if not any(y.kind is KINDS["uplift-scale"] and y.motions == name for y in evaluation.checks):
             return TextCell(note)
         accelerations = least_factors(evaluation.scenes, name, "uplift")["factor"].values * [
-            member.pga for member in evaluation.problem.motions[name].members
+            member.pga
+            for member in evaluation.problem.motions[name].members
+            if isinstance(member, Motion)  # all of them
         ]
         k = int(np.argmin(accelerations))
         return Quantity(accelerations[k], "acceleration", note=f"least PGA that lifts, {names[k]}; {note}")

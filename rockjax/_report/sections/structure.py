@@ -16,8 +16,9 @@ from rockjax._report.store import dataset_of, fingerprint
 from rockjax._report.tables import Cell, Code, Column, Formula, Quantity, Series, Table, Text, TextCell
 from rockjax._report.units import Units, kind_of_unit
 from rockjax._structures import Podium
+from rockjax._structures.elevation import Elevation
 
-from .common import governing_scene, sets_with_scenes, stored_figure
+from .common import column_offsets, governing_scene, sets_with_scenes, stored_figure
 
 if TYPE_CHECKING:
     import xarray
@@ -178,7 +179,7 @@ def _joint_rows(evaluation: Evaluation):
 
 def _derived(evaluation: Evaluation) -> Equations:
     """Return the derived quantities as equations, with numbers inserted."""
-    numbers = {name: y.values for name, y in derived_numbers(evaluation).items()}
+    numbers = {str(name): y.values for name, y in derived_numbers(evaluation).items()}
     rows = [
         *_geometry_rows(evaluation, numbers),
         *_mass_rows(evaluation.problem),
@@ -240,9 +241,8 @@ def _mass_rows(problem: Problem) -> Iterator[Equation]:
 
 def column_count(problem: Problem) -> int | None:
     """Return the number of columns N; None for a structure by ratios without positions of the columns."""
-    elevation = problem.podium.elevation
-    if elevation is not None:
-        return int(np.size(np.asarray(elevation.offsets)))
+    if problem.podium.elevation is not None:
+        return column_offsets(problem.podium).size
     if problem.column_mass is None:
         return None
     return int(getattr(problem.structure, "columns", None) or 2)  # the default of `Podium.from_dimensions`
@@ -269,7 +269,9 @@ def _restitution_rows(problem: Problem, numbers: dict[str, Any]) -> Iterator[Equ
     }
     for name, (value, inserted, label) in forms.items():
         factor = float(numbers[f"restitution_{name}"])
-        use = "in use" if factor == in_use else "not in use"
+        law = next((y.value for y in problem.inputs if y.key == "restitution"), "paper")
+        other = "the factor of the law in use" if factor == in_use else "not in use"
+        use = "in use" if name == law else other
         text = f"{inserted} (law {name}, {use})" if np.isclose(value, factor) else f"law {name}, {use}"
         yield Equation(Formula(f"restitution_{name}"), text, Quantity(factor, "number"), label)
 
@@ -323,7 +325,7 @@ def _load_rows(problem: Problem, numbers: dict[str, Any]) -> Iterator[Equation]:
                 Formula(formula), (text, *factors, *ending), Quantity(load * weight, "force"), "F3"
             )
     if podium.elevation is not None:
-        offsets = np.asarray(podium.elevation.offsets, float)
+        offsets = column_offsets(podium)
         yield Equation(Formula("mean_height"), "", Quantity(float(numbers["mean_height"]), "length"), "F8")
         square, largest = float(np.mean(offsets**2)), float(np.abs(offsets).max())
         text = f"{_plain(square, 4)} / {_plain(largest, 4)}"
@@ -357,6 +359,7 @@ def _derived_numbers(podium: Podium) -> dict[str, Any]:
     if podium.elevation is not None:
         values["core_distance"] = podium.core_distance
         values["impact_friction"] = podium.impact_friction
+        assert isinstance(podium.elevation, Elevation)
         arms = podium.elevation.resolved(podium.gamma, podium.superstructure)
         moments = arms.beam if arms.modes is None else arms.beam + jnp.sum(arms.modes)
         values["mean_height"] = moments / (podium.gamma + podium.eta)
