@@ -83,10 +83,20 @@ def instants_of(evaluation: Evaluation, name: str, motion: int) -> Instants:
 
 
 def known_instants(evaluation: Evaluation, name: str, motion: int) -> Instants:
-    """Do the same as `instants_of`, but return {} if no check and no axial force needs this history."""
-    is_needed = (name, motion) in set(_governing(evaluation.scenes, [name]))
-    is_drawn = (name, motion) == governing_scene(evaluation.scenes, sets_with_scenes(evaluation))
-    return instants_of(evaluation, name, motion) if is_needed or is_drawn else {}
+    """Do the same as `instants_of`, but return {} if neither a picture, a check nor an axial force needs this
+    history."""
+    scenes = evaluation.scenes
+    is_needed = (name, motion) == governing_scene(scenes, sets_with_scenes(evaluation)) or any(
+        (check.motions, check.governing) == (name, motion)
+        and isinstance(check.kind, PeakKind)
+        and _has_instant(check.kind.variable)
+        and check.state != "overturned"
+        for check in evaluation.checks
+    )
+    if scenes.problem.podium.elevation is not None:
+        extremes = extremes_of(scenes.peaks(name))
+        is_needed |= any(k == motion for output, _, k in extremes if output != "peak_foundation_shear")
+    return instants_of(evaluation, name, motion) if is_needed else {}
 
 
 def start(scenes: Scenes, names: Sequence[str]) -> None:
