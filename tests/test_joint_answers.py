@@ -1,5 +1,6 @@
 """Answers of the joints in peaks: whether joints stay closed, and the rows of the text and of the HTML."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import jax.numpy as jnp
@@ -8,6 +9,7 @@ import pytest
 
 import rockjax as rj
 from rockjax import _results as results
+from rockjax._report.assumptions import ASSUMPTIONS
 from rockjax._responses.peak import MEAN_COLUMN_NOTE, OPEN_JOINT_NOTE, Peak
 
 
@@ -82,3 +84,15 @@ def test_scenes_know_whether_they_have_an_elevation():
     assert [each.has_elevation for each in found] == [False, True]
     assert MEAN_COLUMN_NOTE in repr(found[0])
     assert "joints           closed\n" in repr(found[1])
+
+
+def test_reports_state_a_factor_that_is_too_small_for_rigid_faces():
+    (law,) = (each for each in ASSUMPTIONS if each.id == "A6")
+    rigid = rj.Podium(0.25, 1.2)
+    compatible = float(rigid.restitution_factor)
+    for factor, is_stated in ((0.99 * compatible, True), (compatible, False), (1.0, False)):
+        for laws in ((), ("compatible",)):
+            podium = rigid.replace(restitution=factor)
+            problem: Any = SimpleNamespace(podium=podium, report=SimpleNamespace(laws=laws))
+            data: Any = None
+            assert ("too small for rigid faces" in str(law.test(problem, data))) is is_stated

@@ -94,15 +94,17 @@ def _missing(extremes: dict[str, np.ndarray], friction: float | None) -> Iterato
 
 def _openings(extremes: dict[str, np.ndarray]) -> Iterator[str]:
     """Yield a warning if a joint opens in a surviving scene."""
+    import numpy as np
+
     found = {name: extremes[name] for name in OPENING if name in extremes}
-    opens = sum(values < 0 for values in found.values())  # number of variables below zero, for each scene
-    if found and opens.any():
+    opens = np.any([values < 0 for values in found.values()], axis=0)  # for each scene
+    if np.any(opens):
         texts = {
             "least_axial_force": "N = {:.4g} m_c g",
             "least_impulse_share": "share of the mean impulse {:.3g}",
         }
         least = ", ".join(f"least {texts[name].format(values.min())}" for name, values in found.items())
-        note = _scenes_note(opens > 0)
+        note = _scenes_note(opens)
         yield f"warning: a joint opens{note} ({least}); from then on the model does not apply"
 
 

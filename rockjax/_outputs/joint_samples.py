@@ -77,7 +77,7 @@ class SampleForces(NamedTuple):
                 [n - n_mean for n in forces.axial[1]]
                 for forces, n_mean in zip((start, end), mean, strict=True)
             ]
-            leaning = [_leaning(c, beam, *y) for y in zip(*transferred, changes, strict=True)]
+            leaning = [_leaning(c, beam, a, b, y) for a, b, y in zip(*transferred, changes, strict=True)]
         curvature = EndForces(
             (tuple(swaying[0] + y for y in leaning), tuple(swaying[1] + y for y in leaning)),
             (tuple(rising[0] + y for y in changes), tuple(rising[1] + y for y in changes)),

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
     from .problem import Problem
 
+ROUNDING = 1e-9  # allowed rounding error of `Podium.impact_eccentricity` [–]
+
 
 class Outcome(NamedTuple):
     """Result of testing an assumption on a set of scenes.
@@ -153,9 +155,14 @@ def _sharp_edges(problem: Problem, data: xarray.Dataset) -> Outcome | str:
 
 def _restitution_laws(problem: Problem, data: xarray.Dataset) -> Outcome | str:
     del data
+    note = ""
+    if float(problem.podium.impact_eccentricity) > 1 + ROUNDING:
+        note = (
+            " The given factor is too small for rigid faces: at an impact the old edges would need tension."
+        )
     if not problem.report.laws:
-        return "Not tested: report.laws has no law."
-    return f"Checks are repeated under the laws {', '.join(problem.report.laws)}, below."
+        return f"Not tested: report.laws has no law.{note}"
+    return f"Checks are repeated under the laws {', '.join(problem.report.laws)}, below.{note}"
 
 
 def _linear_building(problem: Problem, data: xarray.Dataset) -> Outcome | str:

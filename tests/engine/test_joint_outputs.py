@@ -49,7 +49,7 @@ def test_a_spectrum_and_a_batch_hold_the_answers_of_single_scenes():
 
 def test_a_sweep_stores_the_answers_of_a_batch(tmp_path):
     """Parameters of the sweep include positions and heights."""
-    grid = rj.grid(PODIUM, PULSE, position_2=[3.0, 4.5], top_height=[6.0, 8.4])
+    grid = rj.grid(PODIUM, PULSE, position_2=np.array([3.0, 4.5]), top_height=np.array([6.0, 8.4]))
     rj.sweep(*grid, store=tmp_path / "store", outputs=OUTPUTS, chunk=2, progress=False)
     data = xarray.open_zarr(tmp_path / "store", consolidated=False)
     expected = answers(rj.peak_responses(*grid[:2], options=OPTIONS))
@@ -165,8 +165,10 @@ def test_derivatives_by_every_number(name):
 def test_heights_have_no_effect_where_no_mass_has_them():
     """`residual_height` without a residual mass, and `top_height` without a superstructure."""
     alone = dataclasses.replace(PODIUM, superstructure=None)
+    elevation: Any = PODIUM.elevation
     for podium, height in ((PODIUM, "residual_height"), (alone, "top_height")):
-        taller = podium.replace(elevation=dataclasses.replace(podium.elevation, **{height: 4.0}))
-        arms, expected = taller.resolved().elevation, podium.resolved().elevation
+        taller = podium.replace(elevation=dataclasses.replace(elevation, **{height: 4.0}))
+        arms: Any = taller.resolved().elevation
+        expected: Any = podium.resolved().elevation
         assert float(arms.beam) == float(expected.beam)
         assert (arms.modes is None) == (expected.modes is None)

@@ -829,6 +829,78 @@ HISTORIES = {
 }
 
 
+def momentum(scene: Scene, states: States, side: np.ndarray) -> np.ndarray:
+    """Return P of (F18), axes (component, states), divided by N m_c [m/s]."""
+    podium = scene.podium
+    gamma, eta = map(float, podium.mass_ratios)
+    etas = np.array([k[0] for k in structure_of(podium).frame.modes])
+    psi = side * float(podium.alpha) - states.theta
+    u_b, v_b = 2 * float(podium.R) * states.theta_dot * np.array([np.cos(psi), np.sin(psi)])
+    of_modes = states.u_dot @ etas if len(etas) else 0.0
+    return np.array([(0.5 + gamma) * u_b + of_modes, (0.5 + gamma + eta) * v_b])
+
+
+def momentum_jumps(scene: Scene, before: States, after: States) -> np.ndarray:
+    """Return the changes of P at impacts, axes (component, impacts)."""
+    return momentum(scene, after, np.sign(after.theta_dot)) - momentum(
+        scene, before, -np.sign(before.theta_dot)
+    )
+
+
+def momentum_defect(scene: Scene, response, t: np.ndarray, w: np.ndarray) -> float:
+    """Return the residual of (F18) over a history, divided by the impulse of the weight; `t` and `w` are
+    times and weights of `between_nodes`."""
+    states = states_at(scene, response, t.ravel())
+    gamma, eta = map(float, scene.podium.mass_ratios)
+    weight = 1 + gamma + eta
+    shear, reaction = response.foundation_shear(t.ravel()), response.foundation_reaction(t.ravel())
+    horizontal = weight * (G * np.asarray(shear) - states.ground)
+    vertical = weight * (G * np.asarray(reaction) - (G + states.vertical))
+    found = np.array([np.sum(y.reshape(t.shape) * w) for y in (horizontal, vertical)])
+    times = np.asarray(response.impact_times)
+    # The number of times is the same, so the programs are reused.
+    more = np.resize(times, t.size) if len(times) else t.ravel()
+    before, after = (
+        States(*(y[: len(times)] for y in states_at(scene, response, more, left))) for left in (True, False)
+    )
+    jumps = momentum_jumps(scene, before, after)
+    span = float(response.times[0]), float(response.stats.end_time)
+    ends = States(*(y[:2] for y in states_at(scene, response, np.resize(span, t.size))))
+    change = momentum(scene, ends, np.sign(ends.theta))
+    scale = weight * G * scene.end
+    return float(np.max(np.abs(change[:, 1] - change[:, 0] - found - jumps.sum(axis=1)))) / scale
+
+
+def random_scene(seed: int) -> Scene:
+    """Return a scene with a random structure on 2 to 5 columns, devices, and a record with or without
+    vertical motion."""
+    rng = np.random.default_rng(seed)
+    kind = list(KINDS)[seed % len(KINDS)]
+    podium = KINDS[kind].replace(
+        alpha=rng.uniform(0.1, 0.25), R=rng.uniform(1.0, 3.0), lam=rng.uniform(0.1, 1.0)
+    )
+    if kind not in ("block", "anchor plate"):
+        podium = podium.replace(gamma=rng.uniform(0.5, 20.0))
+    if podium.elevation is not None:
+        columns = np.cumsum(rng.uniform(2.0, 6.0, rng.integers(2, 6)))
+        podium = podium.replace(elevation=dataclasses.replace(podium.elevation, columns=tuple(columns)))
+    threshold = float(podium.uplift_ground_acceleration)
+    record = rough(seed, rng.uniform(1.5, 2.5) * threshold, 60)
+    return Scene(podium, record, 2.0, vertical=float(rng.choice([0.0, 0.3])))
+
+
+@pytest.mark.slow(but=["0"])
+@pytest.mark.parametrize("seed", range(12))
+def test_momentum_of_random_scenes(seed):
+    """(F18): the change of the momentum of all masses is the impulse of the forces on the foundation, of
+    gravity and of the impacts."""
+    scene = random_scene(seed)
+    options = TIGHT.replace(throw=False)
+    response = rj.simulate(scene.podium, scene.motion, t_end=scene.end, options=options)
+    assert response.uplifted
+    assert momentum_defect(scene, response, *between_nodes(response, 10)) <= 1e-9
+
+
 @pytest.mark.slow(but=["devices in the bottom joint"])
 @pytest.mark.parametrize("name", HISTORIES)
 def test_histories(name):
@@ -860,35 +932,15 @@ def test_histories(name):
     np.testing.assert_allclose(friction, np.where(np.asarray(forces.axial) > 0, demand, np.inf), rtol=1e-12)
     assert np.all(np.asarray(friction).max(axis=(0, 1)) <= np.asarray(response.peak_friction) + 1e-9)
     assert np.all(np.asarray(forces.axial).min(axis=(0, 1)) >= np.asarray(response.least_axial_force) - 1e-7)
-    # (F18)
-    gamma, eta = map(float, podium.mass_ratios)
-    etas = np.array([k[0] for k in structure.frame.modes])
-    alpha, R = float(podium.alpha), float(podium.R)
-
-    def momentum(states: States, side: np.ndarray) -> np.ndarray:
-        psi = side * alpha - states.theta
-        u_b, v_b = 2 * R * states.theta_dot * np.array([np.cos(psi), np.sin(psi)])
-        of_modes = states.u_dot @ etas if len(etas) else 0.0
-        return np.array([(0.5 + gamma) * u_b + of_modes, (0.5 + gamma + eta) * v_b])
-
-    weight = 1 + gamma + eta
-    horizontal = weight * (G * np.asarray(shear) - states.ground)
-    vertical = weight * (G * np.asarray(reaction) - (G + states.vertical))
-    found = np.array([np.sum(y.reshape(t.shape) * w) for y in (horizontal, vertical)])
     times = np.asarray(response.impact_times)
     assert len(times)
+    assert momentum_defect(scene, response, t, w) <= 1e-9
     # The number of times is the same, so the programs are reused.
     more = np.resize(times, t.size)
     before, after = (
         States(*(y[: len(times)] for y in states_at(scene, response, more, left))) for left in (True, False)
     )
-    side = np.sign(before.theta_dot) * -1.0
-    jumps = momentum(after, np.sign(after.theta_dot)) - momentum(before, side)
-    span = float(response.times[0]), float(response.stats.end_time)
-    ends = States(*(y[:2] for y in states_at(scene, response, np.resize(span, t.size))))
-    change = momentum(ends, np.sign(ends.theta))
-    scale = weight * G * scene.end
-    assert np.max(np.abs(change[:, 1] - change[:, 0] - found - jumps.sum(axis=1))) <= 1e-9 * scale
+    side, jumps = np.sign(before.theta_dot) * -1.0, momentum_jumps(scene, before, after)
     # Impulses, also at the ground.
     impulses = np.asarray(response.impulses)
     for k in range(min(len(times), 5)):

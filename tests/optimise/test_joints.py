@@ -231,6 +231,57 @@ def test_columns_sized_with_and_without_the_joints():
     assert np.min(np.asarray(rotation.margins(narrower, TIGHT))) < 0
 
 
+def peaks_of(drawing: optimise.Dimensions) -> np.ndarray:
+    """Return the least axial force divided by the dead load, and the largest rotation [α] under the suite."""
+    podium = drawing.podium()
+    load = np.asarray(podium.dead_load)
+    options = HOW.replace(outputs=("peak_rotation", "axial_force"))
+    peaks = [rj.peak_response(podium, motion, options=options) for motion in SUITE]
+    least = min(float(np.min(np.asarray(peak.least_axial_force) / load)) for peak in peaks)
+    return np.array([least, max(float(peak.peak_rotation) for peak in peaks)])
+
+
+@pytest.mark.slow
+def test_wider_columns_do_not_close_joints_that_the_spacing_opens():
+    """Wider columns rotate less and unload more."""
+    drawing = DRAWING.replace(positions=(0.0, 5.5))
+    found = np.array([peaks_of(drawing.replace(width=width)) for width in (0.4, 0.5, 0.7, 0.9)])
+    assert np.all(found[:, 0] < 0)
+    assert found[-1, 1] < found[0, 1]
+
+
+@pytest.mark.slow
+def test_width_and_spacing_with_and_without_the_joints():
+    """The rotation determines the width, and the target on the joints the spacing, which otherwise is as
+    small as allowed. With the same distance of the outer columns, three and five columns unload more."""
+    rotation, bounds = optimise.PeakRotation(0.4, SUITE), {"width": (0.3, 0.9), "position_2": (4.0, 20.0)}
+    size = lambda podium: podium.width + 0.01 * (podium.elevation.columns[1] - podium.elevation.columns[0])
+    with_joints, without = (
+        optimise.design(DRAWING, bounds, size, targets, starts=4, options=HOW, progress=False)
+        for targets in ([rotation, CLOSED], [rotation])
+    )
+    spacings = [
+        float(np.ptp(np.asarray(design.podium.elevation.columns))) for design in (with_joints, without)
+    ]
+    assert with_joints.satisfied
+    assert without.satisfied
+    assert keeps_joints_closed(with_joints)
+    assert not keeps_joints_closed(without)
+    assert spacings[1] == pytest.approx(4.0, abs=1e-6)
+    assert spacings[0] > 5.0
+    assert np.min(np.asarray(CLOSED.margins(with_joints.podium, TIGHT))) == pytest.approx(0.0, abs=1e-4)
+    assert np.min(np.asarray(rotation.margins(with_joints.podium, TIGHT))) == pytest.approx(0.0, abs=1e-4)
+    assert with_joints.objective > without.objective
+    # ℓ_p of N columns at equal distances is (N+1)/(3(N−1)) of the half span.
+    drawing = DRAWING.replace(width=float(with_joints.podium.width))
+    least = [
+        peaks_of(drawing.replace(positions=tuple(np.linspace(0.0, spacings[0], count)), columns=count))[0]
+        for count in (2, 3, 5)
+    ]
+    assert least[0] == pytest.approx(0.0, abs=0.01)
+    assert least[0] > least[1] > least[2]
+
+
 def test_descriptions_of_targets_on_friction_state_the_given_limit():
     assert optimise.PeakFriction(0.25, MOTIONS).describe() == "friction demand ≤ 0.25"
     assert optimise.PeakLimit("peak_friction", 0.25, MOTIONS).describe() == "peak friction ≤ 0.25"

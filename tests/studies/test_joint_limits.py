@@ -57,3 +57,40 @@ def test_limit_states_of_random_motions():
     found = StructureLimitState(PODIUM, motion, parse_limit("test", ("friction", 0.2), PODIUM)).values(u)
     fails = np.asarray(peaks.overturned) | (np.max(friction, axis=-1) >= 0.2)
     np.testing.assert_array_equal(np.asarray(found) <= 0, fails)
+    shears = rj.peak_responses(
+        PODIUM, motions, options=OPTIONS.replace(outputs=("peak_foundation_shear",), throw=False)
+    )
+    expected = 1 - np.asarray(shears.peak_foundation_shear) / 0.14
+    limit = parse_limit("test", ("foundation shear", 0.14), PODIUM)
+    found = StructureLimitState(PODIUM, motion, limit).values(u)
+    np.testing.assert_allclose(
+        found, np.where(peaks.overturned, np.minimum(expected, 0), expected), atol=1e-7
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("limit", "value"), [("unloading", 0.7), ("friction", 0.2), ("foundation shear", 0.14)]
+)
+def test_slopes_of_limit_states(limit, value):
+    """Derivatives of G with respect to the size of the motion and to parameters, against differences."""
+    from rockjax._parameters.variants import with_values
+    from rockjax._risk.structure import StructureLimitState, parse_limit
+
+    motion, names = rj.GaussianMotion(n=200, dt=0.02, S_0=0.02), ("alpha", "position_2", "top_height")
+    u = np.random.default_rng(2).normal(size=(3, motion.dimension))
+    state = lambda podium: StructureLimitState(podium, motion, parse_limit("test", (limit, value), podium))
+    G, by_size, by_names = state(PODIUM).log_slopes(u, names)
+    np.testing.assert_allclose(G, state(PODIUM).values(u), atol=1e-9)
+    h = 1e-4
+
+    def slope(value_at):
+        return (8 * (value_at(h) - value_at(-h)) - (value_at(2 * h) - value_at(-2 * h))) / (12 * h)
+
+    expected = slope(lambda step: state(PODIUM).values(u * (1 + step)))
+    np.testing.assert_allclose(by_size, expected, rtol=1e-4, atol=1e-5)
+    given = {"alpha": 0.15, "position_2": 2.4, "top_height": 9.0}
+    for k, name in enumerate(names):
+        varied = lambda step, name=name: with_values(PODIUM, {name: given[name] * (1 + step)})
+        expected = slope(lambda step, varied=varied: state(varied(step)).values(u))
+        np.testing.assert_allclose(by_names[:, k], expected, rtol=1e-4, atol=1e-5, err_msg=name)
