@@ -243,11 +243,12 @@ def peaks_of(drawing: optimise.Dimensions) -> np.ndarray:
 
 @pytest.mark.slow
 def test_wider_columns_do_not_close_joints_that_the_spacing_opens():
-    """Wider columns rotate less and unload more."""
+    """Wider columns rotate less, but a joint opens with each width at which the columns do not overturn."""
     drawing = DRAWING.replace(positions=(0.0, 5.5))
-    found = np.array([peaks_of(drawing.replace(width=width)) for width in (0.4, 0.5, 0.7, 0.9)])
+    found = np.array([peaks_of(drawing.replace(width=width)) for width in (0.45, 0.5, 0.7, 0.9)])
     assert np.all(found[:, 0] < 0)
-    assert found[-1, 1] < found[0, 1]
+    assert np.all(np.diff(found[:, 1]) < 0)
+    assert found[0, 1] < 1
 
 
 @pytest.mark.slow
