@@ -178,9 +178,10 @@ class StoredProgram:
             with _tracing():
                 lowered = self._jit(static).lower(*passed)
             if uses_store and not key:
-                # The text of the lowered program identifies user-defined classes and functions. The text does
-                # not show empty branches of the tree of answers, so this tree is also part of the key.
-                key = f"{compile_key}\n{keys.describe_machine()}\n{lowered.out_tree}\n{lowered.as_text()}"
+                # The text of the lowered program identifies user-defined classes and functions. The text shows
+                # neither unused arguments nor empty branches of the tree of answers, so both are added.
+                trees = f"{keys.describe_shapes(passed)}\n{lowered.out_tree}"
+                key = f"{compile_key}\n{keys.describe_machine()}\n{trees}\n{lowered.as_text()}"
                 loaded = _load(key)
             if loaded is not None:
                 return loaded

@@ -302,6 +302,16 @@ def test_answers_of_another_form_are_another_program(stored, extra):
     program._PROGRAMS.remove(made)
 
 
+def test_unused_arguments_belong_to_the_kind(stored):
+    """The trace of a user function does not contain unused arguments."""
+    made = StoredProgram(lambda law, x: law(x), name="tests.unused")
+    for arguments in (3.0,), (3.0, 4.0):
+        assert made(lambda x: 2 * x[0], arguments) == 6.0
+        finish_writing()
+        made.forget()
+    program._PROGRAMS.remove(made)
+
+
 def test_long_compilation_is_reported_once(stored, monkeypatch, caplog):
     monkeypatch.setattr(program, "_ANNOUNCE_AFTER", 0.0)
     program._ANNOUNCED.clear()
