@@ -13,8 +13,8 @@ successive values, each extrapolated from two steps, agree. With `--ways`, answe
 solutions that count all impacts, have no derivatives, or use `tsit5`. `--faults FOLDER` writes each fault to
 a file, which `python -m benchmarks.agreement --again FILE` solves again.
 
-A difference that exceeds the limits gets one of these names. NaN in a finished scene, and a scene with the
-result `not_finite`, is always a FAULT.
+A difference that exceeds the limits gets one of these names. NaN in a finished scene is always a FAULT, and
+so is a scene with the result `not_finite`.
 
 - not compared: the scene did not finish
 - tie: two peaks are equal, and the derivative belongs to one of them

@@ -131,8 +131,8 @@ def errors(results: tuple[np.ndarray, np.ndarray], family: Family) -> dict[str, 
 def difference_quantiles(
     results: tuple[np.ndarray, np.ndarray], expected: tuple[np.ndarray, np.ndarray]
 ) -> dict[str, float]:
-    """Compare two pairs (peaks, overturned); return a dictionary like `errors`. The errors are NaN if a peak
-    is."""
+    """Compare two pairs (peaks, overturned); return a dictionary like `errors`. If a peak is NaN, so are the
+    errors."""
     same = results[1] == expected[1]
     error = np.abs(results[0] - expected[0])[same]
     return {

@@ -473,7 +473,7 @@ def count_reference_errors(rows: np.ndarray) -> tuple[dict[str, Any], np.ndarray
     """Return the summary of the answers of `against_reference`, shape (n, 4), and a mask of failures (n,)."""
     error, estimate, same, undecided = rows.T
     same = same.astype(bool)
-    # The reference itself is good to some 1e-10. NaN is beyond every estimate.
+    # The reference itself is accurate to about 1e-10. NaN is beyond every estimate.
     beyond = same & ~(error <= 10 * estimate + 3e-10)
     other_class = ~same & (undecided == 0)
     answer = {

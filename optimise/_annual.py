@@ -40,9 +40,8 @@ class AnnualFrequency(AbstractScaleTarget):
       known to be larger (censored)
     - `width`: in (0, 0.1) [–]; resolution of the search for overturning intensities in the verification. The
       search can miss a range of intensities at which a motion overturns the columns only if the range is
-      narrower than `width` times `max_intensity`. With `FreshSamples`, the independent sample that verifies
-      the design is searched with the tolerances of the search for the design, and with a `width` of at least
-      1e-3
+      narrower than `width` times `max_intensity`. With `FreshSamples`, the design is verified with an
+      independent sample, the tolerances of the search for the design, and a `width` of at least 1e-3
     - `name`: name in reports; None for a description
 
     A lognormal distribution is fitted to the overturning intensities of all motions, as in

@@ -368,8 +368,8 @@ class _Reader(Reader):
             if entry.kind == "median-capacity" and measure != "scale":
                 if "max_scale" in arguments:
                     raise ValueError(
-                        f"max_scale is a factor on the motions; with the measure {measure} leave it out, and "
-                        "intensities up to 3 times at_least are searched"
+                        f"max_scale is a factor on the motions; leave it out with the measure {measure}: the "
+                        "search then ends at the intensity 3·at_least"
                     )
                 suite = _with_unit_intensity(where, suite, measure, period)
             for table in {"contents", "oscillators"} & arguments.keys():

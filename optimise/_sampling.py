@@ -157,7 +157,7 @@ class SampledTargets:
 
 def _check_levers(variables: Variables, target: FailureProbability) -> None:
     """Raise `ValueError` if the variables change the levers of forces in the joints of round columns, and the
-    limit of the target is on such forces. These levers are no named parameter, so their part of the
+    limit of the target is on such forces. No named parameter describes these levers, so their part of the
     derivative would be missing."""
     varied = [name for name in ("height", "end_radius") if name in variables.names]
     if not varied or target.limit[0] not in JOINT_LIMITS or not isinstance(variables.base, Dimensions):

@@ -350,9 +350,8 @@ class MedianCapacity(AbstractScaleTarget):
     - `at_least`: > 0 [–]; `suite`: two motions or more, or `FreshSamples`
     - `max_scale`: largest searched factor, > `at_least` [–]; None for 3 times `at_least`. If a motion does
       not overturn the columns up to `max_scale`, its overturning scale is only known to be larger (censored)
-    - `width`: as for [`optimise.OverturningScale`][]. With `FreshSamples`, the independent sample that
-      verifies the design is searched with the tolerances of the search for the design, and with a `width` of
-      at least 1e-3
+    - `width`: as for [`optimise.OverturningScale`][]. With `FreshSamples`, the design is verified with an
+      independent sample, the tolerances of the search for the design, and a `width` of at least 1e-3
     - `name`: name in reports; None for a description
 
     The median belongs to the lognormal distribution fitted to the overturning scales by maximum likelihood,

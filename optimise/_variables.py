@@ -176,8 +176,8 @@ class Variables(Module):
     def structure(self, x: Float[Array, " n"] | np.ndarray) -> Structure:
         """Return the structure at scaled variables x, of the same type as `base`."""
         values = self.values(x)
-        # Values are arrays of no dimensions, as in a traced structure. A Python number 0 would leave out a
-        # device, and a Python exponent 1 would be fixed.
+        # Values are 0-d arrays, as in a traced structure. As Python numbers, 0 would remove a device from the
+        # podium, and an exponent 1 would be a constant of compiled programs.
         return with_variables(self.base, {name: values[k, ...] for k, name in enumerate(self.names)})
 
     def podium(self, x: Float[Array, " n"] | np.ndarray) -> rj.Podium:

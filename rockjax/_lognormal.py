@@ -38,7 +38,7 @@ class Lognormal(NamedTuple):
         z = xp.divide(xp.log(xp.divide(x, self.median)), self.dispersion)
         if xp is not np:
             return norm.cdf(z)
-        from scipy.special import ndtr  # takes long to import
+        from scipy.special import ndtr  # slow to import
 
         return ndtr(z)
 

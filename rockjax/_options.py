@@ -35,8 +35,8 @@ RESERVED = (
 
 
 def _check_names(output: AbstractOutput) -> None:
-    """Raise `ValueError` for a user-defined output with a name that is no identifier, or that has another
-    meaning."""
+    """Raise `ValueError` if a name of a user-defined output or of one of its answers is not an identifier, or
+    is in use."""
     for name in (output.name, *(variable.name for variable in output.variables)):
         if name in (*OUTPUTS, *VARIABLES, *RESERVED) or not name.isidentifier():
             raise ValueError(

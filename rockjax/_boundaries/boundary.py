@@ -63,7 +63,7 @@ class Boundary(Module):
 
     - `scale`: the least factor on the motion that overturns [–], inf if the search finds none in the range;
       differentiable (the derivative is zero if `scale` is inf, and NaN if it cannot be computed). If scenes
-      did not finish, lower scales may overturn, see `finished_to`
+      did not finish, a lower scale may overturn; see `finished_to`
     - `found`: True if the search finds a scale in the range that overturns
     - `impacts`: number of impacts before overturning, at a scale just past the boundary; 0 if no scale is
       found
@@ -91,7 +91,7 @@ class Boundary(Module):
             return f"Boundary(shape {jnp.shape(self.scale)})"
         if not self.found:
             return (
-                f"Boundary: nothing found that overturns; least dip of the margin {float(self.dip):.3g}, "
+                f"Boundary: no overturning scale found; least dip of the margin {float(self.dip):.3g}, "
                 f"and no window is wider than {float(self.certain_width):.2g}"
             )
         side = " (one-sided: the boundary is about to jump there)" if self.one_sided else ""
@@ -148,7 +148,8 @@ def acceleration_boundary(
     max_acceleration_ratio=MAX_ACCELERATION_RATIO,
     **settings: Any,
 ) -> Boundary:
-    """Return the boundary whose `scale` is the result of `overturning_acceleration` [m/s²].
+    """Return the boundary whose `scale` is the result of `overturning_acceleration`. All scales of the result
+    are pulse accelerations [m/s²].
 
     - `podium`, `pulse`, `T_p`, `max_acceleration_ratio`: as for `overturning_acceleration`
     - `settings`: `options`, `width` and `resolution`, as for `overturning_boundary`
@@ -177,7 +178,7 @@ def overturning_scale(
     resolution: int = 128,
 ) -> Value:
     """Return the least factor on a ground motion that overturns a podium [–], or inf if the search finds none
-    up to `max_scale`. If scenes did not finish, lower factors may overturn, see [`rockjax.Boundary`][].
+    up to `max_scale`. If scenes did not finish, lower factors may overturn; see [`rockjax.Boundary`][].
 
     - `podium`, `excitation`, `max_scale`, `options`, `width`, `resolution`: as for
       [`rockjax.overturning_boundary`][], whose result contains this factor as the field `scale`

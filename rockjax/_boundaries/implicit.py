@@ -48,8 +48,9 @@ def _residual(podium: Podium, motion: AbstractExcitation, options: Options, uses
 
 
 def _root_factor(slope):
-    """Return the change of the root of a function per change of the function's value at the root, −1/`slope`,
-    or NaN if `slope` is zero or not finite. `slope` is the derivative of the function at its root."""
+    """Return the derivative of the root of a function with respect to the function's value at the root,
+    −1/`slope`, or NaN if `slope` is zero or not finite. `slope` is the derivative of the function at its
+    root."""
     numpy = array_module(slope)
     is_usable = numpy.isfinite(slope) & (slope != 0)
     return numpy.where(is_usable, -1.0 / numpy.where(is_usable, slope, 1.0), numpy.nan)
@@ -86,7 +87,7 @@ def boundary_change(leaves, varied_tangents, scale, structure, varied: tuple[boo
     _, pushforward = jax.linearize(residual, past, *point)
     slope = numpy.asarray(pushforward(numpy.ones_like(past), *(numpy.zeros_like(y) for y in point)))
     change = pushforward(numpy.zeros_like(past), *varied_tangents)
-    # Reverse mode multiplies by this factor also if there is no boundary.
+    # Reverse mode multiplies by this factor even if there is no boundary, so it must be finite there.
     factor = numpy.where(is_found, _root_factor(slope), 0.0)
     return jnp.where(is_found, factor * change, 0.0)
 

@@ -38,8 +38,8 @@ def joint_warnings(podium: rj.Podium, peaks: Any, friction: float | None) -> Ite
 
     - `podium`: the structure
     - `peaks`: the response of a scene, or a dataset of a batch, with `overturned` and, in a batch, codes
-      `result`; None without any scene. Those of `VARIABLES` that it does not have are not checked. In a
-      batch, scenes that overturn or do not finish are ignored. A single scene is always checked
+      `result`; None if no scene was solved. It may lack some of `VARIABLES`; their checks are then omitted.
+      In a batch, scenes that overturn or do not finish are ignored. A single scene is always checked
     - `friction`: friction coefficient μ of the joints [–]; None to omit the checks of friction
     """
     eccentricity = float(podium.impact_eccentricity)

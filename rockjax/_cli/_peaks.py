@@ -28,7 +28,7 @@ def peaks(request: Request, console: Console, output: Output = "rockjax-peaks") 
     """Compute peaks of rotation, building and joints under each motion of a set, with estimated errors.
 
     Prints a row for each motion. If a motion overturns the columns, its row has the peaks until overturning.
-    Writes OUTPUT.nc and, unless only numbers such as those of impacts are requested, OUTPUT.png.
+    Writes OUTPUT.nc and, if at least one requested output is a peak, OUTPUT.png.
 
     \b
     Examples:

@@ -46,9 +46,9 @@ class Console:
             typer.echo(line)
 
     def say_warnings(self, lines: Iterable[str], indent: str = "") -> None:
-        """Print lines about assumptions that fail or were not checked, and add them to the JSON object.
+        """Print lines about assumptions that do not hold or were not checked; add them to the JSON object.
 
-        If `quiet` is set, lines that begin with "warning" are still printed, on stderr.
+        If `quiet` is set, lines that begin with "warning" are printed on stderr instead.
         """
         lines = list(lines)
         self.json_object["warnings"] = lines

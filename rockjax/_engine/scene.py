@@ -135,8 +135,8 @@ def _max_step(c: Coefficients) -> Value:
 
 
 def _max_excited_step(excitation: AbstractExcitation, max_step: Value, options: Options) -> Value:
-    """Return the longest step during the ground motion [s]: the longest step that follows the motion, but at
-    most `max_step`."""
+    """Return the longest step during the ground motion [s]: `options._stride` times the longest step that
+    resolves the motion, but at most `max_step`."""
     longest = excitation.longest_step()
     max_excited_step = jnp.where(longest > 0, jnp.minimum(max_step, options._stride * longest), max_step)
     is_pair = isinstance(excitation, GroundMotion)

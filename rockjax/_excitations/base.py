@@ -173,12 +173,12 @@ class AbstractExcitation(Module):
         return None
 
     def longest_step(self) -> Number:
-        """Return the longest step that follows the motion [s], or 0 for a motion without duration.
+        """Return the longest step that resolves the motion [s], or 0 for a motion without duration.
 
-        In full contact of a rigid podium no error limits the steps, and the uplift demand is a quintic
-        polynomial through both ends of a step. By default, the motion counts as smooth over a sixteenth of
-        its duration. Motions with several oscillations return less. Of two components, the shorter length
-        counts, and a component without duration is ignored.
+        In full contact of a rigid podium no error estimate limits the steps, and the uplift demand is
+        approximated by a quintic polynomial through both ends of a step. The default is a sixteenth of the
+        duration. Motions with several oscillations return less. For two components, the result is the
+        smaller of their two values; a component without duration is ignored.
         """
         start, end = self.support
         return (end - start) / 16

@@ -24,8 +24,8 @@ from rockjax._types import Index, Number, Value
 
 from .base import AbstractExcitation, AbstractLookahead, size_on
 
-# Largest fraction of the period in a step. The quintic polynomial through both ends of a step is then within
-# (2π/3)⁶/46080 = 0.2 % of a harmonic.
+# Longest step, divided by the period. The quintic polynomial through both ends of such a step differs from a
+# harmonic by at most (2π/3)⁶/46080 = 0.2 % of the amplitude.
 LONGEST_STEP = 1 / 3
 SAMPLES_OF_TWO_PERIODS = 257  # number of samples in the search for the largest |ü_g|
 

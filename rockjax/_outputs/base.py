@@ -97,7 +97,7 @@ class AbstractOutput:
       the answer, as in [`rockjax.Variable`][]; an output with several answers overrides `variables` instead
     - `by_default`: whether the output is requested by default
     - `needs_flat`: whether the output requires `Options(engine="flat")`, the default. Outputs that override
-      `over_step`, `at_impact` or `update` always do
+      `over_step`, `at_impact` or `update` always require it
     - `follows_impacts`: whether the output needs every impact, however slow
     - `of_joints`: whether the output needs the constants of the joints, `moment.c.joints`
     - `needs_simple_contact`: whether `over_rest`, `over_sample` and `over_bounces` are valid only without

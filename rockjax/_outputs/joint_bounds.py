@@ -288,7 +288,8 @@ class JointBounds:
 
     @property
     def _levers(self) -> tuple[Value, ...]:
-        """Bounds on |`Arms.lever`| for columns with round ends; for flat ends, the only value χB [m]."""
+        """Least and largest `Arms.lever` in the direction of χ, for columns with round ends [m]. For flat
+        ends, the single value χB."""
         arms, (_, sin, cos, *_) = self.joints.arms, self.rotation
         flat = 0.5 * self.c.two_R * self.c.sin_alpha
         if arms is None or arms.raised is None:
@@ -301,7 +302,7 @@ class JointBounds:
         """Lower and upper bounds on N at the top joint of all columns [m/s²]. The extremes are at the end
         columns. By (F8) they are N_t (1 ± χB/ℓ_p) ± M/ℓ_p. N_t is the mean of N, M the overturning moment
         divided by the mass of all columns, B half the width of a column and ℓ_p the core distance. For round
-        ends, `Arms.lever` replaces χB; the extremes are then at its bounds."""
+        ends, `Arms.lever` replaces χB; the extremes are then at one of its bounds `_levers`."""
         c, arms, devices, rotation = self.c, self.joints.arms, self._over_both, self.rotation
         mass, spans = self.joints.gamma + c.eta, []
         for side, lever in itertools.product((0.0,) if arms is None else (-1.0, 1.0), self._levers):

@@ -32,7 +32,7 @@ _FOLDERS_WITHOUT_PROGRAMS = ("_cli", "plots")  # folders whose source affects no
 _PROCESSOR = ("vendor_id", "cpu family", "model", "model name", "stepping", "flags", "features", "cpu part")
 # JAX's settings are ignored if their name contains one of these words.
 _IGNORED_SETTINGS = ("cache", "log", "dump", "traceback", "profil", "hash")
-_IMPORTED = time.time()  # a source file with a later time may differ from the code of this process
+_IMPORTED = time.time()  # a source file that was changed later may differ from the code of this process
 
 
 class NoKeyError(Exception):
@@ -95,7 +95,7 @@ def describe(value: Any) -> str:
         return f"{name}({','.join(sorted(parts) if isinstance(value, frozenset) else parts)})"
     if isinstance(value, dict):
         return f"{name}({','.join(f'{describe(k)}={describe(v)}' for k, v in value.items())})"
-    # Only classes that are written in Python have `__dict__`; others, such as `range`, may hide fields.
+    # Objects of classes not written in Python, such as `range`, have no `__dict__`, but may hide fields.
     has_slots = any(getattr(base, "__slots__", ()) for base in type(value).__mro__)
     if type(value) is not object and (getattr(value, "__dict__", None) != {} or has_slots):
         raise NoKeyError(f"{value!r}")

@@ -178,8 +178,8 @@ class StoredProgram:
             with _tracing():
                 lowered = self._jit(static).lower(*passed)
             if uses_store and not key:
-                # The text of the lowered program identifies user-defined classes and functions. Unused
-                # arguments and empty branches of the tree of answers, which it does not show, are added.
+                # The text of the lowered program identifies user-defined classes and functions. It does not
+                # show unused arguments and empty branches of the tree of answers, so the key has both trees.
                 trees = f"{keys.describe_shapes(passed)}\n{lowered.out_tree}"
                 key = f"{compile_key}\n{keys.describe_machine()}\n{trees}\n{lowered.as_text()}"
                 loaded = _load(key)

@@ -123,8 +123,8 @@ def scene_answers(scenes: Scenes, name: str, motion: int) -> dict[str, tuple[np.
 
 
 def prepare_answers(scenes: Scenes, name: str) -> None:
-    """Start to load or compile the program of `scene_answers` for a set in another thread. Do nothing if the
-    checks of the set need no outputs, or if derivatives of the set are stored."""
+    """Start to load or compile the program of `scene_answers` for a set in another thread. This
+    is not done if the checks of the set need no outputs, or if derivatives of the set are stored."""
     if scenes.needed[name].outputs and not any(
         key.startswith(f"derivatives.{name}.") for key in scenes.store.data
     ):

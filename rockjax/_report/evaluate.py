@@ -110,8 +110,8 @@ def _start(entry: Entry, scenes: Scenes) -> bool:
 
 
 def _outcomes(name: str, scenes: Scenes) -> dict[str, Outcome | str]:
-    """Return the id of each assumption → outcome of its test in the scenes of a set; {} if these cannot be
-    solved. An error in a test becomes a text."""
+    """Return the id of each assumption → outcome of its test in the scenes of a set; {} if these scenes
+    cannot be solved. If a test raises an error, its outcome is a text with the error."""
     try:
         data = scenes.peaks(name)
     except Exception:
@@ -223,7 +223,7 @@ def _overturned_or_open(values: Values) -> list[int]:
 
 def _events(entry: Entry, values: Values) -> str:
     """Return a text that names the cases in which columns or blocks overturn or a joint opens. Return "" if
-    there are none, or if the statistic is the worst value, whose text says this."""
+    there are none, or if the statistic is the worst value, because its own text names the event."""
     cases = _overturned_or_open(values) if entry.keys.statistic != "max" else []
     named = [f"{values.names[k]}: {values.texts[k]}" for k in cases[:3]]
     return "; ".join(named) + (f"; and {len(cases) - 3} more" if len(cases) > 3 else "")
@@ -231,8 +231,8 @@ def _events(entry: Entry, values: Values) -> str:
 
 def _utilisations(entry: Entry, kind: Kind, values: Values) -> tuple[Statistic, tuple[float, float, float]]:
     """Return the statistic of the values of a check, and the least, the estimated and the largest utilisation
-    [–]. If columns or blocks overturn or a joint opens in one case, all three utilisations are inf, for every
-    statistic."""
+    [–]. If columns or blocks overturn or a joint opens in one case, all three utilisations are inf, whatever
+    the statistic is."""
     statistic = statistic_of(values, entry.keys.statistic, kind.is_minimum)
     if _overturned_or_open(values):
         return statistic, (math.inf, math.inf, math.inf)
@@ -319,7 +319,7 @@ def _sensitivities(check: Check, scenes: Scenes) -> dict[str, float]:
     if not differentiable:
         return {}
     data = log_slopes(scenes, check.entry, differentiable)
-    # The statistic is Σ w v, so its derivative is Σ w v s / Σ w v with s = d ln v/d ln y.
+    # The statistic is Σ w v, so its logarithmic derivative is Σ w v s / Σ w v with s = d ln v/d ln y.
     shares = weights[list(differentiable)] * data["value"].values
     slopes = shares @ np.where(shares[:, None] == 0, 0.0, data["slope"].values) / shares.sum()
     sign = -1 if check.kind.is_minimum else 1

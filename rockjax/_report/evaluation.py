@@ -32,7 +32,7 @@ class Check:
     - `text`: text that is shown if the value is not finite, such as "overturned at 5.85 s"; otherwise ""
     - `state`: meaning of `text` for programs, one of `tables.STATES`; "" without a text
     - `utilisation`: U = value/limit, or limit/value for a minimum [–]. inf if columns or blocks overturn or a
-      joint opens under one of the motions, also if the statistic is a finite median, and for a value ≤ 0
+      joint opens under one of the motions, even if the statistic is a finite median, and for a value ≤ 0
       below a minimum; NaN if there is no value
     - `governing`: index of the motion or pulse with the governing value. For a quantile between two values,
       index of the worse one. None if the check was not made or has a single value, and for a mean
@@ -44,8 +44,8 @@ class Check:
     - `spread`: input → (U with the input decreased, U with the input increased); empty if not computed. U is
       NaN if the changed input is not valid, or if a scene has no decided answer and the others do not show
       that U > 1
-    - `spread_events`: (input, 0 or 1) → what makes the decreased (0) or increased (1) entry of `spread`
-      infinite, such as "overturned (motion 9)"
+    - `spread_events`: (input, 0 or 1) → event that makes the entry of `spread` for the decreased (0) or the
+      increased (1) input infinite, such as "overturned (motion 9)"
     - `laws`: law of impact → (U, result), where violated assumptions are ignored; empty if not computed
     """
 

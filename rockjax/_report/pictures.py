@@ -134,8 +134,8 @@ def elevation_drawing(
     - `units`: units of the numbers in the drawing
     - `column_mass`: mass of one column [kg]; None omits all masses
     - `columns`: number of columns N, used if `podium.elevation` is None
-    - `rotation`: rotation of the column of `podium` beside the structure [rad], whose absolute value is
-      drawn; None for an upright column
+    - `rotation`: rotation of a column of `podium` [rad]. Its absolute value is drawn beside the structure;
+      None draws an upright column
     - `label`: source of the rotation, such as "motion 9"; "" for none
     - `size`: width and height of a column [m], if they differ from those of `podium` because the ends of the
       column are round, (R5)

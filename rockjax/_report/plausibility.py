@@ -22,7 +22,7 @@ FEW_MOTIONS = 7  # usual minimum number of motions for a mean
 
 
 def _range(ends: tuple[float, float], kind: str, ending: str) -> Text:
-    """Return the text "a to b", followed by `ending`. `kind`: what the numbers measure."""
+    """Return the text "a to b", followed by `ending`. `kind`: kind of quantity of the numbers a and b."""
     first, last = (Quantity(y, kind, is_input=True) for y in ends)
     return Bare(first), " to ", last, ending
 

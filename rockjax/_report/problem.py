@@ -144,10 +144,11 @@ class Problem:
     structure: models.ByRatios | models.ByDimensions
 
     def sources_of_inputs(self, used: Collection[str | None]) -> dict[str, str | None]:
-        """Return key of the file → source, or None if there is none.
+        """Return each input → its source, or None if it has none.
 
-        The inputs are the keys of the structure, the given keys of the joints, the sets of motions, and the
-        hazard curve. The source of a set may also be that of one of its keys.
+        The inputs are keys of the file: those of the structure, those of `[joints]` that the file gives, the
+        sets of motions, and the hazard curve. A set without a source of its own has the source of one of its
+        keys.
 
         - `used`: names of the sets of motions that checks use; the other sets are left out
         """
@@ -208,7 +209,8 @@ class Problem:
 
     @property
     def column_size(self) -> tuple[float, float]:
-        """Width 2B and height 2H of a column [m]. `podium` has larger columns if their ends are round."""
+        """Width 2B and height 2H of a real column [m]. If its ends are round, the columns of `podium` are
+        larger."""
         given = (getattr(self.structure, name, None) for name in ("width", "height"))
         actual = (self.podium.width, self.podium.height)
         width, height = (float(z if y is None else y) for y, z in zip(given, actual, strict=True))

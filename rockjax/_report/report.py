@@ -97,7 +97,7 @@ def _writer(content: bytes) -> Any:
 
 def _write_both(first: tuple[Path, bytes], second: tuple[Path, bytes]) -> list[Path]:
     """Write two files, pairs (path, content), and return their paths. If an error or an interruption prevents
-    the writing of one of them, both keep their old contents."""
+    the writing of one file, both keep their old contents."""
     written: list[Path] = []
 
     def write(name: str) -> None:

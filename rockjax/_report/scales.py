@@ -48,12 +48,13 @@ def least_factors(scenes: Scenes, name: str, event: str, law: str | None = None)
     - `scenes`: the scenes of the problem
     - `name`: name of the set; `event`: "uplift" or "overturning"
     - `law`: law of impact that replaces the law of the structure; None for no change. It does not change
-      factors that lift the columns, because there is no impact before
+      factors that lift the columns, because no impact precedes uplift
 
-    The variables of the dataset are `factor`, its estimated `error`, and `end`: all scenes of the search at
-    factors up to `end` finished. The variable `is_open` is True if `end` is less than `factor` because scenes
-    at lower factors did not finish; a lower factor may then overturn the columns. For a motion that does not
-    overturn the columns in the finished scenes, `factor` is inf and `error` is NaN. For uplift, `end` is inf.
+    The variables of the dataset are `factor`, its estimated `error`, and `end`, the factor up to which all
+    scenes of the search finished. The variable `is_open` is True if `end` is less than `factor` because
+    scenes at lower factors did not finish; a lower factor may then overturn the columns. For a motion that
+    does not overturn the columns in the finished scenes, `factor` is inf and `error` is NaN. For uplift,
+    `end` is inf.
 
     For overturning there are three more variables, `survives_from`, `overturns_again_from` and `window_end`.
     The columns overturn at factors from `factor` to `survives_from`, and survive from there to
@@ -158,8 +159,7 @@ def _check_finished(motions: MotionSet, codes: np.ndarray) -> None:
 
 
 def _overturning(scenes: Scenes, motions: MotionSet, law: str | None) -> xarray.Dataset:
-    """Return the result of `least_factors` for overturning; without windows if another law of impact is given
-    by `law`."""
+    """Return the result of `least_factors` for overturning. With a `law`, windows are not searched."""
     import xarray
 
     scenes.describe(f"overturning factors of {motions.name}" + (f" with the law {law}" if law else ""))

@@ -82,8 +82,8 @@ class Scenes:
 
         The variation "width-" multiplies the input `width` by 1 − s, and "width+" by 1 + s. The number s is
         the key `spread` of the table `[report]`. "motion-" and "motion+" multiply all motions by these
-        factors. A variation is left out if it gives an invalid structure, such as a factor of restitution
-        above 1, or one for which the option `overturn_ratio` is too large.
+        factors. A variation is left out if its structure is invalid, such as one with a factor of
+        restitution above 1, or if the option `overturn_ratio` is too large for it.
         """
 
         def is_valid(variation: str) -> bool:

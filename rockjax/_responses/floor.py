@@ -47,7 +47,7 @@ DEGREE = 7  # degree of the polynomials of accelerations
 # this.
 MAX_LAST_COEFFICIENT = 1e-8
 MAX_HALVINGS = 12  # largest number of times that a piece is halved
-REST_AFTER_END = 0.01  # time p·t after the last event of a rigid podium at which it is still evaluated
+REST_AFTER_END = 0.01  # time p·t for which a resting rigid podium is evaluated after its scene [–]
 # A ground motion is divided into at least this many pieces, because a single step in full contact may cover
 # the whole motion.
 MOTION_PIECES = 64

@@ -123,7 +123,7 @@ class StructureLimitState(AbstractLimitState):
 
     def __init__(self, podium: Podium, motion: GaussianMotion, limit: Limit, options: Options = OPTIONS):
         super().__init__(motion.dimension)
-        # Programs receive Python floats as arrays, so all floats of the motion are parameters.
+        # As arrays, all floats of the motion are arguments of the compiled programs and have derivatives.
         self.motion = jax.tree.map(lambda y: as_float(y) if isinstance(y, float) else y, motion)
         self.podium, self.limit = podium, limit
         # Without a pulse, −u reverses the motion. By symmetry, the podium then fails under −u if and only if

@@ -618,8 +618,8 @@ def _with_round_ends(
     (R5).
 
     The equivalent columns are taller than the real columns. `Elevation._raised` is the distance between the
-    tops of both. All masses keep their heights above the tops of the real columns, about which
-    `Arms.lever` gives the moment of the axial forces.
+    tops of both. All heights of masses refer to the tops of the real columns. `Arms.lever` is the
+    lever of the axial forces about these tops.
 
     - `owner`: name for error messages
     - `radius`: radius of the round ends [m]

@@ -311,11 +311,11 @@ def overturning_distribution(
     The function works under `jit`, `vmap` and `grad` with respect to the parameters of `podium`. A lognormal
     distribution is fitted to the least overturning factors of the records. If no factor up to `max_scale`
     overturns the podium, the record is censored: its least factor is only known to be above `max_scale`. If
-    scenes below the least factor did not finish, it is only known to be above the `finished_to` of
-    [`rockjax.Boundary`][]. The result is NaN
-    if fewer than two records overturn the podium, if the least factors (with `measure`, the least
-    intensities) of these records are equal, or if no scene of a record finishes. Outside jit,
-    [`rockjax.incremental_dynamic_analysis`][] finds the same least factors on all cores.
+    scenes below the least factor of a record did not finish, this factor is only known to be above the
+    `finished_to` of [`rockjax.Boundary`][]. The result is NaN if fewer than two records overturn the podium,
+    if the least factors (with `measure`, the least intensities) of these records are equal, or if no scene of
+    a record finishes. Outside jit, [`rockjax.incremental_dynamic_analysis`][] finds the same least factors on
+    all cores.
 
     - `podium`: podium with scalar parameters
     - `records`: `Motions`, `Records`, or a list of motions or records
@@ -341,7 +341,7 @@ def overturning_distribution(
         )
 
     boundary = jax.vmap(find_boundary)(jnp.arange(len(records), dtype=jnp.int32))
-    # Scenes that did not finish within the resolution of the search below the boundary do not matter.
+    # Scenes that did not finish are ignored if they are closer to the boundary than the resolution `width`.
     is_known = boundary.scale <= boundary.finished_to + width * max_scale
     capacity = jnp.where(is_known, boundary.scale, jnp.inf)
     return fit_capacities(capacity * unscaled, jnp.minimum(boundary.finished_to, max_scale) * unscaled)

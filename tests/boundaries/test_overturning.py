@@ -376,7 +376,7 @@ def test_text_of_boundaries():
     found = rj.overturning_boundary(PODIUMS["rigid"], rj.Ricker(1.0, 1.0), max_scale=10.0)
     assert f"overturns from {float(found.scale):.10g} after {int(found.impacts)} impacts" in repr(found)
     none = rj.overturning_boundary(PODIUMS["rigid"], rj.Ricker(1.0, 1.0), max_scale=1.0)
-    assert "nothing found that overturns" in repr(none)
+    assert "no overturning scale found" in repr(none)
     assert float(none.finished_to) == 1
 
 

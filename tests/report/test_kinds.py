@@ -216,7 +216,7 @@ def test_the_curve_of_risk(tmp_path):
     with_set = RISK.replace("1e-3", '1e-3\nmotions = "pulses"')
     unused = read(tmp_path, with_set + "median = 5.0\ndispersion = 0.4\n")
     notices = KINDS["annual-frequency"].notices(unused.checks[0], report.evaluation.scenes)
-    assert "C1 does not use its motions" in next(notices)
+    assert "C1 does not use its keys (motions" in next(notices)
     assert {"fragility-given", "annual-c1"} <= report.tables.keys()
     assert "Annual frequency of check C1" in [
         block.title for block in report.page.sections[6].blocks if isinstance(block, Figure)

@@ -296,7 +296,7 @@ def test_oscillators_that_may_grow_after_the_end():
     scenes.peaks = lambda *_: data.assign_coords(oscillator=["pump", "tank"])
     entry = SimpleNamespace(motions="set", arguments={"oscillators": {"pump": None, "tank": None}})
     values = KINDS["floor-spectrum"].values(entry, scenes)
-    assert values.unanswered == ("", "may still grow after the end", "")
+    assert values.unanswered == ("", "response may still grow after the end", "")
 
 
 def test_joints_without_dead_load():

@@ -104,7 +104,8 @@ def statistic_of(values: Values, statistic: str, is_minimum: bool) -> Statistic:
       quantile, or the 16 % quantile for a minimum). Quantiles are interpolated linearly between two values
     - `is_minimum`: whether the value must be at least the limit
 
-    An error that is inf makes the bounds of its value infinite. An unknown error (NaN) counts as rounding.
+    An infinite error makes the bounds of its value infinite. An unknown error (NaN) is replaced by the
+    rounding error.
     """
     y = values.values
     finite = np.where(np.isfinite(y), y, 0.0)
@@ -119,7 +120,7 @@ def statistic_of(values: Values, statistic: str, is_minimum: bool) -> Statistic:
         known = np.where(np.isfinite(values.errors), values.errors, 0.0)
         error = float(weights @ known)
         for shifted, others in (_weighted(y + sign * known, statistic, is_minimum) for sign in (-1, 1)):
-            if not np.array_equal(others, weights):  # other values decide
+            if not np.array_equal(others, weights):  # the errors change which values enter the statistic
                 error = max(error, abs(shifted - value))
     used = np.flatnonzero(weights)
     signed = np.where(np.isnan(y), -np.inf, -y if is_minimum else y)
@@ -156,7 +157,7 @@ def worst_of(
     value ± `SAFETY` · error contains the worst value of the row if each value is wrong by `SAFETY` times its
     own error.
 
-    - `y`, `errors`: values and estimated errors, (n, m); a NaN among the values of a row is not the worst
+    - `y`, `errors`: values and estimated errors, (n, m). A NaN is the worst value only in a row of NaN
     - `is_minimum`: whether the value must be at least the limit
     """
     sign, rows = -1.0 if is_minimum else 1.0, np.arange(len(y))
@@ -364,8 +365,8 @@ def with_texts(
     is_minimum: bool,
 ) -> Values:
     """Return the `Values` of n scenes. A text replaces the value of a scene in which the columns overturn. If
-    they overturn in only one of two solutions, the value is NaN, and the text is "undecided". If the columns
-    do not overturn but the value is infinite, a joint opens, and the text states this.
+    they overturn in only one of the two solutions, the value is NaN, and the text is "undecided". If the
+    columns do not overturn but the value is infinite, a joint opens, and the text states this.
 
     - `scenes`, `entry`: the scenes and the entry
     - `data`: dataset of the scenes, whose dimension `motion` has the length n

@@ -94,7 +94,7 @@ class FloorKind(Kind):
             elif not texts[k] and np.isinf(errors[k]):
                 unanswered[k] = "undecided"
             elif not texts[k] and may_grow[k]:
-                unanswered[k] = "may still grow after the end"
+                unanswered[k] = "response may still grow after the end"
         return result._replace(texts=tuple(texts), states=tuple(states), unanswered=tuple(unanswered))
 
     def _overturned(self, data: xarray.Dataset) -> np.ndarray:

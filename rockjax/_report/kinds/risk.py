@@ -216,7 +216,7 @@ class AnnualKind(FragilityKind):
     def notices(self, entry: Entry, scenes: Scenes) -> Iterator[str]:
         unused = [name for name in ("motions", "vertical") if getattr(entry.keys, name)]
         if unused and not entry.motions:
-            yield f"{entry.id} does not use its {' and '.join(unused)}: [risk] gives the fragility curve."
+            yield f"{entry.id} does not use its keys ({', '.join(unused)}): [risk] gives the fragility curve."
         share = float(self._annual(entry, scenes)["extrapolated"])
         if share > MIN_EXTRAPOLATED:
             yield f"{share:.0%} of the annual frequency of {entry.id} comes from beyond the hazard curve."
@@ -314,7 +314,7 @@ class FailureKind(Kind):
         unanswered = () if float(data["converged"]) else ("estimate not converged",)
         value, error = float(data["probability"]), float(data["standard_error"])
         low, high = map(float, data["interval"])
-        # The interval is not symmetric. The check passes only if the farther end satisfies the limit.
+        # The interval is not symmetric. The check passes only if value ± the longer side satisfies the limit.
         has_interval = error > 0 and math.isfinite(high)
         factor = max(high - value, value - low) / error if has_interval else INTERVAL
         return one_value(value, error, unanswered=unanswered, remark=UNTESTED, error_factor=factor)

@@ -40,7 +40,7 @@ from .base import Kind, Values, statistic_of
 if TYPE_CHECKING:
     import xarray
 
-UNFINISHED = "scenes at lower factors did not finish"
+UNFINISHED = "scenes at lower amplitudes did not finish"
 
 
 def searched_values(
@@ -54,11 +54,11 @@ def searched_values(
     """Return the `Values` of a search.
 
     - `values`, `errors`: fields of `Values`, (n,); a value is inf if the search found nothing
-    - `end`: largest searched value, in the unit of the values; a number or (n,). A value of inf is only known
-      to exceed `end`, and so is a value that `is_open`. If the statistic satisfies the limit with these
-      values, but violates it with `end` in their place, they count as unanswered
+    - `end`: largest searched value, in the unit of the values; a number or (n,). A value is only known to
+      exceed `end` if it is inf, or if `is_open` is True for it. If the statistic satisfies the limit with
+      these values, but violates it with `end` in their place, they count as unanswered
     - `entry`: the entry of the check
-    - `is_open`: whether scenes below each value did not finish, (n,); None for no such value
+    - `is_open`: whether scenes below each value did not finish, (n,); None if all finished
     - `fields`: other fields of `Values`
     """
     is_missing = ~np.isfinite(values)
@@ -136,7 +136,7 @@ class PulseKind(Kind):
         return "number" if getattr(keys, "ratio", False) else self.quantity
 
     def _settings(self, entry: Entry, scenes: Scenes) -> dict[str, Any]:
-        """Return the keyword arguments of `overturning_acceleration`."""
+        """Return the keyword arguments of `acceleration_boundary`."""
         given = {
             name: y for name, y in entry.arguments.items() if name in ("max_acceleration_ratio", "width")
         }

@@ -83,8 +83,8 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 
 
 def _energy_balance(evaluation: Evaluation) -> Paragraph | None:
-    """Return a sentence on the end and the energy balance of the history that the page draws, that of the
-    governing scene; None if there is no such scene."""
+    """Return a paragraph on the end and the energy balance of the history of the governing scene, which the
+    page draws; None if there is no such scene."""
     scene = governing_scene(evaluation.scenes, sets_with_scenes(evaluation))
     if scene is None:
         return None
@@ -94,9 +94,10 @@ def _energy_balance(evaluation: Evaluation) -> Paragraph | None:
     left, largest = open_energy(data)
     share = float(f"{left / largest if largest else 0.0:.1e}")
     text = (
-        f"The history under {label} of the set {name} ends at t_end = ",
+        f"The history under {label} of the set {name} ends at ",
         Quantity(float(data["time"].values[-1]), "time"),
-        f" ({results.NAMES[int(data['result'])].replace('_', ' ')}). Its energy balance is open by at most ",
+        f" ({results.NAMES[int(data['result'])].replace('_', ' ')}). "
+        "The error of its energy balance is at most ",
         Quantity(share, "number", is_input=True),
         " of the largest input energy.",
     )
@@ -107,8 +108,8 @@ def open_energy(data: xarray.Dataset) -> tuple[float, float]:
     """Return the largest absolute error of the energy balance in a history, and the largest input energy,
     both divided by N m_c [m²/s²].
 
-    `data`: dataset of a history. The energy at the start plus the input equals the mechanical energy plus the
-    losses.
+    `data`: dataset of a history. Exactly, the energy at the start plus the input equals the mechanical energy
+    plus the losses.
     """
     losses = [y for y in ("impact_energy", "damping_energy", "damper_energy") if y in data]
     left = data["initial_energy"].values + data["input_energy"].values - data["mechanical_energy"].values

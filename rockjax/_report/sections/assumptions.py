@@ -21,7 +21,7 @@ from .structure import column_count
 if TYPE_CHECKING:
     from rockjax._report.evaluation import Check, Evaluation
 
-# Assumption → why results are, or are not, on the safe side if it does not hold.
+# Assumption → effect that results neglect if it does not hold. The page shows it below "conservative?".
 EVIDENCE = {
     "A1": "sliding limits the force, but moves the columns",
     "A2": "a joint that opens transmits no force",
@@ -162,7 +162,7 @@ def _contact_pressure(evaluation: Evaluation) -> tuple[TextCell, Text]:
         u = check.utilisation
         parts += [f"{check.id}: ", *(("U = ", Quantity(u, "utilisation"), ", ") if math.isfinite(u) else ())]
         parts.append(f"{check.result}. ")
-    text = (*parts, "The width that bears at full load is to be confirmed.")
+    text = (*parts, "The width of the contact strip under full load needs separate confirmation.")
     words = {check.result for check in checks}
     if "FAIL" in words:
         return TextCell("violated", "violated"), text
@@ -172,8 +172,8 @@ def _contact_pressure(evaluation: Evaluation) -> tuple[TextCell, Text]:
 
 
 def _demands(evaluation: Evaluation) -> Iterator[Part]:
-    """Yield the parts of a text with the shear and the drift of each set of motions, which the building must
-    bear elastically."""
+    """Yield the parts of a text with the largest base shear and storey drifts of each set of motions. The
+    building must remain elastic under them."""
     problem = evaluation.problem
     mass, count = problem.column_mass, column_count(problem)
     for name in evaluation.assumptions:
@@ -191,7 +191,7 @@ def _demands(evaluation: Evaluation) -> Iterator[Part]:
             yield from (", storey drift ", Quantity(float(drift.max()), "displacement"))
             if problem.story_heights is not None:
                 ratio = float((drift / problem.story_heights).max())
-                yield from (" (", Quantity(ratio, "ratio"), " of the height)")
+                yield from (", storey drift ratio ", Quantity(ratio, "ratio"))
         yield "."
 
 

@@ -133,7 +133,7 @@ def _stories(evaluation: Evaluation, name: str) -> Table:
 
 def _picture(evaluation: Evaluation) -> list[Figure]:
     """Return the picture of the drifts and floor accelerations over the height under the governing motion of
-    the page, in a list; an empty list for a building without stories."""
+    the page, in a list. The list is empty for a building without stories."""
     scene = governing_scene(evaluation.scenes, sets_with_scenes(evaluation))
     if scene is None:
         return []

@@ -36,7 +36,7 @@ def sets_with_scenes(evaluation: Evaluation) -> tuple[str, ...]:
 
 
 def unused_sets(evaluation: Evaluation) -> list[str]:
-    """Return the names of the sets of motions that no check asks for."""
+    """Return the names of the sets of motions that no check names."""
     used = {check.motions for check in evaluation.checks}
     return [name for name in evaluation.problem.motions if name not in used]
 
@@ -100,7 +100,7 @@ def details(evaluation: Evaluation, section: int) -> list[Table]:
 
 
 def _tables(check: Check, scenes: Scenes) -> list[Table]:
-    """Return the tables with the details of a check, or a table with the error that they raise."""
+    """Return the tables with the details of a check, or a table with the error that prevents them."""
     assert check.values is not None
     try:
         return check.kind.tables(check.entry, check.values, scenes)

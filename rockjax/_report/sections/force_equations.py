@@ -69,7 +69,7 @@ def equations(evaluation: Evaluation, extremes: list[Extreme]) -> list[Paragraph
     problem, podium = evaluation.problem, evaluation.problem.podium
 
     def extreme(output: str, joint: int | None = None) -> Extreme | None:
-        """Return the extreme over all sets, at a given joint or at any."""
+        """Return the extreme over all sets, at the given joint or, for None, at any joint."""
         found = [y for y in extremes if y.output == output and joint in (None, y.joint)]
         sign = -1 if output.startswith("least") else 1
         return max(found, key=lambda y: sign * y.value) if found else None
@@ -174,7 +174,7 @@ def _foundation_shear(problem: Problem, shear: Extreme | None) -> Equation:
         return Equation(formula, label="F5")
     weight, share = in_weights(problem, total_weight(problem)), Quantity(shear.value, "number")
     if problem.column_mass is None:
-        return Equation(formula, "the total weight times", share, "F5")
+        return Equation(formula, "share of the total weight", share, "F5")
     force = in_weights(problem, shear.value * total_weight(problem))
     return Equation(formula, (share, " · ", weight, " (total weight)"), force, "F5")
 

@@ -48,7 +48,7 @@ class Instant(NamedTuple):
     """An instant of a history. Forces are divided by the weight m_c g of a column.
 
     - `time`: time [s]
-    - `column`: index of the column; NaN for an output that does not belong to columns
+    - `column`: index of the column; NaN for an output that has no column, such as a drift
     - `axial`, `shear`: forces N and T in the joint of the column [–]; NaN without a column
     - `mean_axial`: axial force in this joint of the mean column [–]
     - `moment`: overturning moment M on the columns, divided by N m_c g [m]
@@ -83,8 +83,8 @@ def instants_of(evaluation: Evaluation, name: str, motion: int) -> Instants:
 
 
 def known_instants(evaluation: Evaluation, name: str, motion: int) -> Instants:
-    """Do the same as `instants_of`, but return {} if neither a picture, a check nor an axial force needs this
-    history."""
+    """Return the result of `instants_of`, or {} if no picture, no check and no extreme force in a joint needs
+    this history."""
     scenes = evaluation.scenes
     is_needed = (name, motion) == governing_scene(scenes, sets_with_scenes(evaluation)) or any(
         (check.motions, check.governing) == (name, motion)

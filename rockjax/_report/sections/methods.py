@@ -42,7 +42,7 @@ FORMULAS = {
     "circolare_displacement": ("circolare", "circolare_displacement"),
     "circolare_force": ("circolare_simplified",),
 }
-_KINDS = {"rad/s": "angular frequency", "Hz": "frequency"}  # units of numbers that outputs do not have
+_KINDS = {"rad/s": "angular frequency", "Hz": "frequency"}  # unit → kind, for units that no output has
 TITLE = "Simplified methods beside the exact answer"
 
 
@@ -91,7 +91,7 @@ def _formulas(results: list[MethodResult]) -> list[Equations | Table]:
 
 
 def _exact(evaluation: Evaluation, name: str, method: str) -> TextCell | Quantity:
-    """Return the exact answer of the same structure and motions, of which a method is an approximation.
+    """Return the exact answer that a method approximates, for the same structure and motions.
 
     - `evaluation`: the evaluation; `name`: name of the set of motions; `method`: name of the method
     """
@@ -111,7 +111,9 @@ def _exact(evaluation: Evaluation, name: str, method: str) -> TextCell | Quantit
             if isinstance(member, Motion)  # all of them
         ]
         k = int(np.argmin(accelerations))
-        return Quantity(accelerations[k], "acceleration", note=f"least PGA that lifts, {names[k]}; {note}")
+        return Quantity(
+            accelerations[k], "acceleration", note=f"least PGA that lifts the columns, {names[k]}; {note}"
+        )
     if method == "asce_43_05_sliding":
         return TextCell("not in the model", "none")
     if overturned.any():
@@ -119,9 +121,13 @@ def _exact(evaluation: Evaluation, name: str, method: str) -> TextCell | Quantit
     if method == "circolare_displacement":
         podium = evaluation.problem.podium
         displacements = [float(deck_displacement(podium, y)) for y in rotation]
-        return Quantity(float(np.mean(displacements)), "displacement", note="mean u_b, none overturns")
+        return Quantity(
+            float(np.mean(displacements)), "displacement", note="mean u_b; no motion overturns the columns"
+        )
     k = int(np.argmax(rotation))
-    return Quantity(rotation[k], "number", note=f"largest max|θ|/α, {names[k]}; none overturns")
+    return Quantity(
+        rotation[k], "number", note=f"largest max|θ|/α, {names[k]}; no motion overturns the columns"
+    )
 
 
 def start(problem: Problem, store: Store, made: list[Entry]) -> None:

@@ -76,11 +76,11 @@ def _draw_fragility(curve: xarray.Dataset, name: str, motions: str) -> Figure:
     title = f"Fragility of the set {motions}"
     median, unit = float(curve["median_capacity"]), curve["at"].attrs["units"]
     description = (
-        f"Probability of overturning over {curve.attrs['measure']}; the median is {median:.4g} "
+        f"Probability of overturning as a function of {curve.attrs['measure']}; the median is {median:.4g} "
         f"{displayed_or_empty(unit)}".rstrip()
         + "."
     )
-    caption = f"Probability of overturning over {curve.attrs['measure']}, set {motions}."
+    caption = f"Probability of overturning as a function of {curve.attrs['measure']}, set {motions}."
     return Figure(to_svg(figure, name, title, description), caption, title, description)
 
 
@@ -91,10 +91,11 @@ def _draw_risk(curve: Any, hazard: Hazard, name: str, check: Check) -> Figure:
     data = disaggregation(curve, hazard)
     title = f"Annual frequency of check {check.id}"
     description = (
-        f"Hazard, fragility and contributions of intensities to the annual frequency of check {check.id}, "
-        f"which is {check.value:.4g} a year."
+        "Hazard, fragility, and contributions of the intensities to the annual frequency of check "
+        f"{check.id}, which is {check.value:.4g} a year."
     )
     caption = (
-        f"Hazard, fragility and contributions of the intensities to the annual frequency of check {check.id}."
+        "Hazard, fragility, and contributions of the intensities to the annual frequency of check "
+        f"{check.id}."
     )
     return Figure(to_svg(plots.risk(data), name, title, description), caption, title, description)

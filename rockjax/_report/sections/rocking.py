@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 WINDOW_COLUMNS = {  # variable of `least_factors` → heading
     "factor": "Least factor that overturns",
-    "width": "Width of the window",
+    "width": "Width of the window / factor",
     "survives_from": "Survives again from",
     "overturns_again_from": "Overturns again from",
 }

@@ -72,8 +72,9 @@ def _round_ends(problem: Problem) -> list[Paragraph]:
         return []
     text = (
         "The columns have round ends. R and the width and height in the equations, and all quantities that "
-        "follow from them, are those of the equivalent column with flat ends, which is "
-        f"{problem.column_enlargement:.4g} times as large and rotates less by this factor."
+        "follow from them, are those of the equivalent column with flat ends. Its size is "
+        f"{problem.column_enlargement:.4g} times that of a real column, and its rotations are smaller by "
+        "this factor."
     )
     return [Paragraph(text, is_note=True)]
 
@@ -249,8 +250,8 @@ def column_count(problem: Problem) -> int | None:
 
 
 def _restitution_rows(problem: Problem, numbers: dict[str, Any]) -> Iterator[Equation]:
-    """Yield the factors of restitution of the laws of impact. Devices may change a factor; then the numbers
-    are left out."""
+    """Yield the factors of restitution of the laws of impact. The numbers are left out if devices change a
+    factor, because the formulas do not contain devices."""
     podium, in_use = problem.podium, float(numbers["restitution"])
     sin2, lam = float(np.sin(float(podium.alpha)) ** 2), float(podium.lam)
     gamma, eta = (float(y) for y in numbers["mass_ratios"])
@@ -270,7 +271,7 @@ def _restitution_rows(problem: Problem, numbers: dict[str, Any]) -> Iterator[Equ
     for name, (value, inserted, label) in forms.items():
         factor = float(numbers[f"restitution_{name}"])
         law = next((y.value for y in problem.inputs if y.key == "restitution"), "paper")
-        other = "the factor of the law in use" if factor == in_use else "not in use"
+        other = "same factor as in use" if factor == in_use else "not in use"
         use = "in use" if name == law else other
         text = f"{inserted} (law {name}, {use})" if np.isclose(value, factor) else f"law {name}, {use}"
         yield Equation(Formula(f"restitution_{name}"), text, Quantity(factor, "number"), label)

@@ -18,10 +18,11 @@ if TYPE_CHECKING:
 SHOWN_SLOPES = 4  # largest number of derivatives that a row of the summary shows
 _NOTE = (
     "U is value/limit, or limit/value where the limit is a minimum. Errors are estimates of the numerical "
-    "error; for sampled probabilities, they are standard errors. If columns overturn or a joint opens under "
-    "one motion of the set, U exceeds 1 for every statistic. “Changes with” lists the inputs y with the "
-    "largest |d ln U/d ln y|, for the motions that govern. “U with spread” is the range of U, evaluated "
-    "with all motions, if one input at a time is changed by "
+    "error; for sampled probabilities, they are standard errors. If columns or contents overturn under "
+    "one motion of the set, or a joint opens in a check of friction, U exceeds 1 for every statistic. "
+    "“Changes with” lists the inputs y with the largest |d ln U/d ln y|, for the motions that determine the "
+    "value. “U with spread” is the range of U, evaluated with all motions, if one input at a time is changed "
+    "by "
 )
 
 
