@@ -229,7 +229,7 @@ def test_panels_without_a_beam_need_eta():
 
 
 def test_atol_follows_rtol():
-    """In every problem, also of commands without a default of `rtol`."""
+    """`atol` is 0.01 `rtol` in every problem, even if the command has no default of `rtol`."""
     read = lambda **keys: Reader().options(models.Options(**keys)).atol
     assert read(rtol=1e-6) == pytest.approx(1e-8, rel=1e-12)
     assert read(rtol=1e-14) == pytest.approx(1e-16, rel=1e-12)

@@ -135,7 +135,7 @@ def test_pairs_lift_at_the_root_of_the_combined_signal(name):
 
 @pytest.mark.parametrize("name", ["Gabor", "MavroeidisPapageorgiou"])
 def test_full_contact_that_is_integrated_ends_at_the_root_of_the_wavelet(name):
-    """No error limits steps in full contact, but they are shorter than the oscillations of the wavelet."""
+    """No error estimate limits steps in full contact, but they are shorter than a period of the wavelet."""
     podium, options = rj.Podium(ALPHA, R, GAMMA), rj.Options()
     plan = without_fast_forwards(plan_for(podium, options, history=False))
 

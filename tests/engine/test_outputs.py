@@ -124,7 +124,7 @@ def test_no_fast_forward_changes_an_output(kind, motion):
 @pytest.mark.parametrize("kind", ["rigid", pytest.param("building with devices", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("output", [Unloading(), FrictionUse(0.16)], ids=lambda output: output.name)
 def test_no_fast_forward_changes_a_margin(kind, output):
-    """As the test above, for the outputs of design targets."""
+    """The outputs of design targets are the same with and without each fast-forward."""
     podium, shaking = PODIUMS[kind], MOTIONS["rough"]
     expected, plan = solved(podium, shaking, (output,))
     for change in (*(functools.partial(without, name) for name in plan.fast_forwards), to_the_end):

@@ -289,7 +289,7 @@ def test_another_pulse_with_vertical_motion_solves_the_scenes_again(tmp_path):
 
 
 def test_medians_have_intervals_in_place_of_errors(tmp_path, monkeypatch):
-    """No error is invented. Tables of curves in other measures have other names."""
+    """A median has an interval and no error. Tables of curves in different measures have different names."""
     names = ("median_capacity", "dispersion")
     curve = xarray.Dataset(
         {"median_capacity": 2.0, "dispersion": 0.3, "is_open": ("record", [False, False])}

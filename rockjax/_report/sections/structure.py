@@ -72,8 +72,8 @@ def _round_ends(problem: Problem) -> list[Paragraph]:
         return []
     text = (
         "The columns have round ends. R and the width and height in the equations, and all quantities that "
-        "follow from them, are those of the equivalent column with flat ends. Its size is "
-        f"{problem.column_enlargement:.4g} times that of a real column, and its rotations are smaller by "
+        "follow from them, are those of the equivalent column with flat ends. This column is "
+        f"{problem.column_enlargement:.4g} times as large as a real column, and its rotations are smaller by "
         "this factor."
     )
     return [Paragraph(text, is_note=True)]
