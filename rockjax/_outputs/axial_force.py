@@ -16,7 +16,7 @@ from rockjax._types import Flag, Value
 from .base import Variable
 from .joint_bounds import JointBounds
 from .joint_samples import SampleForces
-from .joints import JOINTS, AbstractJointOutput, all_of, over_rest, over_step
+from .joints import JOINTS, NO_FORCE, AbstractJointOutput, all_of, over_rest, over_step
 from .views import Ended, Rest, Sample, Start, Step
 
 Pairs = tuple[tuple[Value, Value], ...]  # largest −N/(m_c g) and largest N/(m_c g) of each joint
@@ -100,4 +100,4 @@ class Unloading(AxialForce):
         least = super().answer(ended, accumulator, note)["least_axial_force"]
         load = not_none(ended.scene.c.joints).dead_load
         unloading = 1 - least / jnp.where(load > 0, load, 1.0)
-        return {self.name: jnp.where((load > 0) | ~(least >= 0), unloading, 0.0)}
+        return {self.name: jnp.where((load > 0) | ~(least >= -NO_FORCE), unloading, 0.0)}

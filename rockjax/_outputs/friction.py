@@ -24,7 +24,7 @@ from rockjax._types import Flag, Value
 from .base import AbstractOutput
 from .joint_bounds import JointBounds
 from .joint_samples import SampleForces
-from .joints import AbstractJointOutput, Force, all_of, over_rest, over_step
+from .joints import NO_FORCE, AbstractJointOutput, Force, all_of, over_rest, over_step
 from .views import Course, Ended, Rest, Sample, Span, Start, Step, StepEnd
 
 Accumulator = tuple[Value, ...]
@@ -231,5 +231,6 @@ class FrictionUse(AbstractJointOutput):
 
     def answer(self, ended: Ended, accumulator: Accumulator, note: Any) -> dict[str, Any]:
         load, excess = not_none(ended.scene.c.joints).dead_load, jnp.stack(accumulator)
-        use = 1 + excess / (self.limit * ended.scene.c.g * jnp.where(load > 0, load, 1.0))
-        return {self.name: self.nan_if_unknown(ended, jnp.where((load > 0) | (excess > 0), use, 0.0))}
+        excess = excess / (self.limit * ended.scene.c.g)
+        use = 1 + excess / jnp.where(load > 0, load, 1.0)
+        return {self.name: self.nan_if_unknown(ended, jnp.where((load > 0) | (excess > NO_FORCE), use, 0.0))}

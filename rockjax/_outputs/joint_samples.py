@@ -30,6 +30,7 @@ def _leaning(c: Coefficients, beam: BeamCurvatures, start: Value, end: Value, cu
     """
     # Bounds on |tan ψ|, h|d tan ψ/dt| and h²|d² tan ψ/dt²|.
     sin, cos = sincos(beam.psi)
+    cos = jnp.maximum(cos, 1e-9)  # beyond a right angle the bounds are so large that nothing is skipped
     tan, per_angle = sin / cos, 1 / cos**2
     tan_rate = beam.first * per_angle
     tan_curvature = (beam.second + 2 * tan * beam.first**2) * per_angle

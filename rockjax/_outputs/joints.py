@@ -27,6 +27,9 @@ from .base import JOINTS, AbstractOutput
 from .joint_bounds import JointBounds
 from .views import Bounces, Course, Ended, Moment, Rest, Step
 
+# A force divided by m_c g up to this size counts as rounding at a joint without dead load.
+NO_FORCE = 1e-12
+
 
 class Force(NamedTuple):
     """Size |T| of the horizontal part, and axial part N, of a force or an impulse in a joint. Where two

@@ -147,7 +147,8 @@ def _unused_keys(evaluation: Evaluation) -> Iterator[str]:
     made_of_joints = any(
         check.kind.is_of_joints and check.kind.name != "contact-pressure" for check in evaluation.checks
     )
-    if problem.joints.friction is not None and not made_of_joints:
+    # Assumption A1 uses the friction coefficient if the structure has an elevation.
+    if problem.joints.friction is not None and not made_of_joints and problem.podium.elevation is None:
         yield "joints.friction"
     for name in ("contact_width", "contact_depth"):
         if getattr(problem.joints, name) is not None and "contact-pressure" not in kinds:

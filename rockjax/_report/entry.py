@@ -53,3 +53,8 @@ class Entry:
     quantity: str
     limit: float
     is_target: bool
+
+    @property
+    def uses_hazard_of_file(self) -> bool:
+        """True if the check uses the hazard curve of the table `[risk]`, not one of its own."""
+        return "hazard" in self.arguments and getattr(self.keys, "hazard", None) is None

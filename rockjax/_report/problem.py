@@ -147,14 +147,14 @@ class Problem:
         """Return each input → its source, or None if it has none.
 
         The inputs are keys of the file: those of the structure, those of `[joints]` that the file gives, the
-        sets of motions, and the hazard curve. A set without a source of its own has the source of one of its
-        keys.
+        sets of motions, and the hazard curve if a check uses it. A set without a source of its own has the
+        source of one of its keys.
 
         - `used`: names of the sets of motions that checks use; the other sets are left out
         """
         keys = [f"joints.{name}" for name in self.joints.as_arguments()]
         keys += [f"motions.{name}" for name in self.motions if name in used]
-        keys += ["risk.hazard"] if self.risk.hazard is not None else []
+        keys += ["risk.hazard"] if any(entry.uses_hazard_of_file for entry in self.checks) else []
         sources = {f"structure.{entry.key}": entry.source for entry in self.inputs}
         for key in keys:
             inner = [text for name, text in self.sources.items() if name.startswith(f"{key}.")]

@@ -62,24 +62,28 @@ def describe(podium: Podium, pulse, options: Options) -> dict[str, Any]:
 
     - `podium`, `options`: structure and options of the scenes
     - `pulse`: class of the pulses, or a function (a_p, T_p) ↦ excitation. The attribute `pulse_sha256`, the
-      checksum of two excitations, identifies a function
+      checksum of two excitations, identifies a function; it is left out if the function cannot return them
     """
     return {
         "pulse": getattr(pulse, "__name__", repr(pulse)),
-        **({} if isinstance(pulse, type) else {"pulse_sha256": _checksum_of_pulse(pulse)}),
+        **({} if isinstance(pulse, type) else _checksum_of_pulse(pulse)),
         **describe_podium(podium),
         **describe_options(options),
     }
 
 
-def _checksum_of_pulse(pulse: Callable[[Any, Any], AbstractExcitation]) -> str:
-    """Return the SHA-256 of the excitations of a function (a_p, T_p) ↦ excitation for two pairs of arguments,
-    because functions of the same name may return different excitations."""
-    leaves, structure = jax.tree.flatten([pulse(1.0, 1.0), pulse(2.0, 3.0)])
+def _checksum_of_pulse(pulse: Callable[[Any, Any], AbstractExcitation]) -> dict[str, str]:
+    """Return the attribute `pulse_sha256`, the SHA-256 of the excitations of a function (a_p, T_p) ↦
+    excitation for two pairs of arguments. Functions of the same name may return different excitations. Return
+    no attribute if the function raises an error for these arguments."""
+    try:
+        leaves, structure = jax.tree.flatten(pulse(np.array([1.0, 2.0]), np.array([1.0, 3.0])))
+    except Exception:  # the function may accept other arguments only; its answers are not lost
+        return {}
     values = [sha256(y) if isinstance(y, ARRAYS | float | int) else repr(y) for y in leaves]
     # The representation of a function contains its address, which differs between processes.
     text = re.sub(r" at 0x[0-9a-f]+", "", "\n".join([repr(structure), *values]))
-    return hashlib.sha256(text.encode()).hexdigest()
+    return {"pulse_sha256": hashlib.sha256(text.encode()).hexdigest()}
 
 
 def describe_podium(podium: Podium) -> dict[str, Any]:

@@ -672,3 +672,35 @@ def test_problem_files_are_read_without_slow_imports():
     script = f"import sys, rockjax._report.reading\nprint(*{slow})"
     output = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert output.stdout.split() == ["False", "False"]
+
+
+BARE = """
+[structure]
+width = 0.6
+height = 3.0
+column_mass = 2700.0
+positions = [-2.0, 2.0]
+tendon_stiffness = 1e5
+[motions.one]
+synthetic = 1
+seed = 3
+[report]
+laws = []
+[[checks]]
+kind = "peak-rotation"
+at_most = 0.5
+[[checks]]
+kind = "least-axial-force"
+at_least = 0.1
+"""
+
+
+def test_a_page_of_columns_that_carry_nothing_under_one_record(tmp_path):
+    """The top joint has no dead load, the masses on the columns have no mean height, and numbers that belong
+    to the only motion do not belong to the structure."""
+    (tmp_path / "problem.toml").write_text(BARE, encoding="utf-8")
+    page = rj.report(tmp_path / "problem.toml", tmp_path / "page.html", skip=("spread",))
+    assert all(check.value is not None for check in page.evaluation.checks)
+    text = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "no dead load" in text
+    assert not re.search(r"\bnan\b", text)

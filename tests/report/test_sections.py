@@ -233,8 +233,11 @@ def test_implausible_checks(eight_storeys, check, message):
 def test_keys_that_no_check_uses_are_named(eight_storeys):
     kind = SimpleNamespace(name="peak-rotation", is_of_joints=False)
     evaluation = SimpleNamespace(problem=eight_storeys, checks=[SimpleNamespace(kind=kind)])
-    joints = ["joints.friction", "joints.contact_width", "joints.contact_depth"]
-    assert list(_unused_keys(evaluation)) == [*joints, "fragility", "risk"]
+    expected = ["joints.contact_width", "joints.contact_depth", "fragility", "risk"]
+    assert list(_unused_keys(evaluation)) == expected  # assumption A1 uses the friction
+    tables = {name: getattr(eight_storeys, name) for name in ("joints", "fragility", "risk")}
+    evaluation.problem = SimpleNamespace(podium=SimpleNamespace(elevation=None), **tables)
+    assert list(_unused_keys(evaluation)) == ["joints.friction", *expected]
     kinds = (("peak-friction", True), ("contact-pressure", True), ("annual-frequency", False))
     used = [SimpleNamespace(kind=SimpleNamespace(name=y, is_of_joints=z)) for y, z in kinds]
     assert list(_unused_keys(SimpleNamespace(problem=eight_storeys, checks=used))) == []
@@ -281,3 +284,10 @@ def test_columns_are_measured_from_their_mean(eight_storeys):
     assert total_weight(eight_storeys) == pytest.approx(total, rel=1e-9)
     assert in_weights(eight_storeys, 1.0).value == pytest.approx(4725 * 9.80665)
     assert contact_area(eight_storeys) == pytest.approx(0.135)
+
+
+def test_derivatives_that_are_not_known_are_left_out():
+    check = SimpleNamespace(value=1.0, utilisation=0.5, no_slopes="no derivative")
+    for known, text in (({"gamma": 0.5}, "gamma +0.50"), ({}, "no derivative")):
+        check.sensitivities = {"alpha": float("nan")} | known
+        assert summary._slopes(check) == text

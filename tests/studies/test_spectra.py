@@ -138,6 +138,7 @@ def test_a_spectrum_of_another_function_is_not_resumed(spectrum):
     assert first == again
     assert first["pulse"] == other["pulse"]
     assert "pulse_sha256" not in spectrum.attrs
+    assert "pulse_sha256" not in of(lambda a, T: rj.Ricker(float(a), float(T)))  # not for arrays
     with pytest.raises(ValueError, match="was computed with pulse_sha256 = "):
         rj.rocking_spectrum(
             PODIUMS["rigid"], lambda a, T: rj.OneSine(a, T), X, Y, resume=spectrum.assign_attrs(first)

@@ -68,11 +68,11 @@ class PeakKind(Kind):
     def conversion(self, problem: Problem, podium: Podium) -> Callable[[Any], Any]:
         """Return the function that converts peaks to values of the check. The last axis of its argument may
         run over joints, storeys or modes."""
-        factor = 1.0 if self.factor is None else self.factor(problem, podium)
+        factor = None if self.factor is None else self.factor(problem, podium)
         convert = self.convert
 
         def values(peaks: Any) -> Any:
-            scaled = peaks * jnp.broadcast_to(factor, np.shape(peaks))
+            scaled = peaks if factor is None else peaks * jnp.broadcast_to(factor, np.shape(peaks))
             return scaled if convert is None else convert(podium, scaled)
 
         return values
@@ -91,7 +91,7 @@ class PeakKind(Kind):
         for name, exponent in self.powers:
             all_values, error = (y * factors.get(name, 1.0) ** exponent for y in (all_values, error))
         locations = [""] * len(raw)
-        if axis is not None:
+        if axis is not None and all_values.ndim > 1:  # buildings with a single mode have no axis of modes
             all_values, error, worst = worst_of(all_values, error, self.is_minimum)
             location_names = {
                 JOINTS: lambda k: f"{JOINT_NAMES[k]} joint",

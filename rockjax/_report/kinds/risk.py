@@ -71,7 +71,7 @@ class FragilityKind(Kind):
         settings = problem.fragility.model_dump(), measure
         inputs_hash = fingerprint(problem.podium, motions.identities, problem.options, settings)
         return scenes.store.get(
-            f"fragility.{motions.name}.{measure[0]}",
+            f"fragility.{motions.name}.{_label(measure)}",
             inputs_hash,
             lambda: _fragility(scenes, motions.name, measure),
         )
@@ -97,8 +97,8 @@ class FragilityKind(Kind):
     def tested_scenes(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
         curve = self.curve(entry, scenes)
         factors = just_below(curve["scale"].values, curve["largest_scale"].values)
-        name, measure = str(entry.motions), entry.arguments["measure"][0]
-        return scenes.peaks_with_factors(f"boundary.{name}.fragility {measure}", name, factors)
+        name, label = str(entry.motions), _label(entry.arguments["measure"])
+        return scenes.peaks_with_factors(f"boundary.{name}.fragility {label}", name, factors)
 
     def tables(self, entry: Entry, values: Values, scenes: Scenes) -> list[Table]:
         del values
@@ -113,9 +113,7 @@ class FragilityKind(Kind):
                 rows.append(
                     (f"{title}, {confidence:.0%} interval, {bound}", float(bounds.sel(bound=bound)), kind)
                 )
-        measure, period = entry.arguments["measure"]
-        label = measure if period is None else f"{measure}-{period:g}".replace(".", "-")
-        name = f"fragility-{slug(str(entry.motions))}-{slug(label)}"
+        name = f"fragility-{slug(str(entry.motions))}-{slug(_label(entry.arguments['measure']))}"
         return [_table(name, f"Fragility of the set {entry.motions}", rows)]
 
 
@@ -345,6 +343,12 @@ def measure_of_file(file: models.Problem) -> tuple[str, float | None]:
     settings = file.fragility
     has_table = "fragility" in file.model_fields_set
     return (settings.measure, settings.measure_period) if has_table else ("scale", None)
+
+
+def _label(measure: tuple[str, float | None]) -> str:
+    """Return the name of an intensity measure with its period, without dots."""
+    name, period = measure
+    return name if period is None else f"{name}-{period:g}".replace(".", "-")
 
 
 def _measure_of_hazard(hazard: Hazard) -> tuple[str, float | None]:

@@ -131,9 +131,11 @@ def _mean_axial_force(problem: Problem, least: Extreme | None) -> Equation:
 
 
 def _axial_force(problem: Problem, least: Extreme | None) -> Equation:
-    """Return (F8) at the least axial force in the top joint."""
+    """Return (F8) at the least axial force in the top joint. It has no numbers for columns with round ends,
+    whose forces have another lever."""
     formula, podium = Formula("axial_force"), problem.podium
-    if least is None or least.instant is None or podium.elevation is None:
+    is_flat = problem.column_enlargement == 1
+    if least is None or least.instant is None or podium.elevation is None or not is_flat:
         return Equation(formula, label="F8")
     instant, offsets = least.instant, column_offsets(podium)
     radius = Quantity(float(np.sqrt(np.mean(offsets**2))), "length")

@@ -137,6 +137,7 @@ def _governing(scenes: Scenes, names: Sequence[str]) -> Iterator[tuple[str, int]
             entry.motions
             and entry.motions in names
             and isinstance(kind, PeakKind)
+            and entry.keys.statistic == "max"
             and not kind.missing(entry, scenes.problem)
         ):
             values = kind.values(entry, scenes)

@@ -104,10 +104,13 @@ def _governing(evaluation: Evaluation, name: str, extremes: list[Extreme]) -> Ta
         if y.joint >= 0:
             where = f"{JOINT_NAMES[y.joint]} joint"
         if "axial" in y.output:
-            share = Quantity(y.value / dead_load[y.joint], "number")
-            cell = TextCell((share, " of the dead load"))
+            cell, share = TextCell("no dead load", "none"), None
+            if dead_load[y.joint] > 0:
+                share = Quantity(y.value / dead_load[y.joint], "number")
+                cell = TextCell((share, " of the dead load"))
             if problem.column_mass is not None:
-                cell = dataclasses.replace(in_weights(problem, y.value), note=(share, " of the dead load"))
+                note = "no dead load" if share is None else (share, " of the dead load")
+                cell = dataclasses.replace(in_weights(problem, y.value), note=note)
         elif y.output == "peak_foundation_shear":
             cell = Quantity(y.value, "number", note="of the total weight")
             if problem.column_mass is not None:

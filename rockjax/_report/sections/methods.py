@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -72,15 +73,17 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 def _formulas(results: list[MethodResult]) -> list[Equations | Table]:
     """Return the formulas of the methods, and the table of the numbers in them that belong to the structure.
 
-    `results`: the results for any set of motions
+    `results`: the results for any set of motions. Numbers of the sliding displacement are left out, because
+    some of them belong to the set
     """
     rows = [Equation(Formula("equivalent_radius"))]
     numbers = []
     for result in results:
         for formula in FORMULAS[result.name]:
             rows.append(Equation(Formula(formula), label=result.equation.strip("()")))
-        for number in result.values.values():
-            if np.size(number.value) == 1 and number.value is not None and np.isfinite(number.value):
+        for number in () if result.name == "asce_43_05_sliding" else result.values.values():
+            # Arrays have a value for each motion.
+            if isinstance(number.value, float | int) and math.isfinite(number.value):
                 kind = _KINDS.get(number.unit) or kind_of_unit(number.unit)
                 title = TextCell(f"{result.title} {result.equation}")
                 numbers.append((title, TextCell(number.meaning), Quantity(float(number.value), kind)))

@@ -86,7 +86,8 @@ def _table(evaluation: Evaluation, motions: MotionSet, period: float | None) -> 
         for name, member in zip(motions.names, motions.members, strict=True)
     ]
     label = f", {motions.label}" if motions.label != motions.name else ""
-    source = evaluation.problem.sources.get(f"motions.{motions.name}", "no source given")
+    key = f"motions.{motions.name}"
+    source = evaluation.problem.sources_of_inputs({motions.name})[key] or "no source given"
     caption = f"Motions of the set {motions.name}{label}; source: {source}"
     return Table(f"motions-{slug(motions.name)}", caption, columns, tuple(rows))
 
@@ -151,6 +152,8 @@ def _corrections(member: Motion) -> TextCell:
         warn_if_implausible(member, "warning", 1)
         if member.vertical is not None:
             warn_if_implausible(member.vertical, "warning, vertical component", 1)
+    # Other threads may warn at the same time.
+    caught = [y for y in caught if str(y.message).startswith("warning")]
     texts += [str(y.message) for y in caught]
     return (
         TextCell("; ".join(texts), "undecided" if caught else "text") if texts else TextCell("none", "none")
@@ -168,8 +171,9 @@ def _hashes(motions: MotionSet) -> Table:
         first, _, second = sha.partition("+")
         last = TextCell((Code(second),)) if second else TextCell("no vertical", "none")
         rows.append((TextCell(name), TextCell((Code(first),)), last)[: len(columns)])
-    are_records = all(isinstance(member, Motion) for member in motions.members)
-    hashed = "samples (little-endian float64)" if are_records else "parameters"
+    are_records = {isinstance(member, Motion) for member in motions.members}
+    kinds = [("samples (little-endian float64)", True), ("parameters", False)]
+    hashed = " or ".join(words for words, is_record in kinds if is_record in are_records)
     caption = f"SHA-256 of the {hashed} of the set {motions.name}"
     return Table(f"hashes-{slug(motions.name)}", caption, tuple(columns), tuple(rows))
 

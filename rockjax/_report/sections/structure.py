@@ -147,8 +147,8 @@ def _law_rows(problem: Problem) -> Iterator[tuple[Cell, ...]]:
 
 def _hazard_rows(problem: Problem) -> Iterator[tuple[Cell, ...]]:
     """Yield the row, in the form of `_row`, of the hazard curve of the file."""
-    hazards = [entry.arguments["hazard"] for entry in problem.checks if "hazard" in entry.arguments]
-    if problem.risk.hazard is None or not hazards:
+    hazards = [entry.arguments["hazard"] for entry in problem.checks if entry.uses_hazard_of_file]
+    if not hazards:
         return
     intensity = np.asarray(hazards[0].intensity, float)
     kind = kind_of_unit(hazards[0].units)
@@ -327,7 +327,10 @@ def _load_rows(problem: Problem, numbers: dict[str, Any]) -> Iterator[Equation]:
             )
     if podium.elevation is not None:
         offsets = column_offsets(podium)
-        yield Equation(Formula("mean_height"), "", Quantity(float(numbers["mean_height"]), "length"), "F8")
+        if gamma + eta > 0:
+            yield Equation(
+                Formula("mean_height"), "", Quantity(float(numbers["mean_height"]), "length"), "F8"
+            )
         square, largest = float(np.mean(offsets**2)), float(np.abs(offsets).max())
         text = f"{_plain(square, 4)} / {_plain(largest, 4)}"
         distance = Quantity(float(numbers["core_distance"]), "length")

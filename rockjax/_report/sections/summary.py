@@ -128,10 +128,11 @@ def _instant_parts(check: Check, problem: Problem, instant: Instant | None) -> t
 def _slopes(check: Check) -> Text:
     """Return the derivatives of a check with the largest absolute values, or the reason why there are
     none."""
-    if not check.sensitivities:
+    known = {name: value for name, value in check.sensitivities.items() if math.isfinite(value)}
+    if not known:
         is_finite = math.isfinite(check.value) and math.isfinite(check.utilisation)
         return check.no_slopes if is_finite else "no finite value"
-    largest = sorted(check.sensitivities.items(), key=lambda item: -abs(item[1]))[:SHOWN_SLOPES]
+    largest = sorted(known.items(), key=lambda item: -abs(item[1]))[:SHOWN_SLOPES]
     return ", ".join(f"{name} {value:+.2f}".replace("-", "−") for name, value in largest)
 
 
