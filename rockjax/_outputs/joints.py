@@ -27,7 +27,7 @@ from .base import JOINTS, AbstractOutput
 from .joint_bounds import JointBounds
 from .views import Bounces, Course, Ended, Moment, Rest, Step
 
-# A force divided by m_c g up to this size counts as rounding at a joint without dead load.
+# At a joint without dead load, a force up to this size, divided by m_c g, counts as rounding.
 NO_FORCE = 1e-12
 
 

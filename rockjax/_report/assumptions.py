@@ -162,7 +162,7 @@ def _restitution_laws(problem: Problem, data: xarray.Dataset) -> Outcome | str:
         )
     if not problem.report.laws:
         return f"Not tested: report.laws has no law.{note}"
-    return f"Checks are repeated under the laws {', '.join(problem.report.laws)}, below.{note}"
+    return f"Checks are repeated under the laws {', '.join(problem.report.laws)}; see the table below.{note}"
 
 
 def _linear_building(problem: Problem, data: xarray.Dataset) -> Outcome | str:

@@ -78,7 +78,7 @@ def _checksum_of_pulse(pulse: Callable[[Any, Any], AbstractExcitation]) -> dict[
     no attribute if the function raises an error for these arguments."""
     try:
         leaves, structure = jax.tree.flatten(pulse(np.array([1.0, 2.0]), np.array([1.0, 3.0])))
-    except Exception:  # the function may accept other arguments only; its answers are not lost
+    except Exception:  # the function may accept only other arguments; answers must not be lost
         return {}
     values = [sha256(y) if isinstance(y, ARRAYS | float | int) else repr(y) for y in leaves]
     # The representation of a function contains its address, which differs between processes.

@@ -166,7 +166,7 @@ class Elevation(Module):
 
 
 class Arms(Module):
-    """An elevation in the form that the engine uses.
+    """An elevation in the form that the engine uses. Heights are above the real columns.
 
     - `offsets`: positions of the columns from their mean, shape (N,) [m]
     - `beam`: γ_b h_b + η_r h_r [m], the mass ratio times the height above the columns, summed over the beam
@@ -193,14 +193,15 @@ class Arms(Module):
         return _core_distance(self.offsets)
 
     def lever(self, flat: Number, lean: Number) -> Number:
-        """Return the distance of the resultant at a top joint from the centre line of a column [m], positive
-        against the direction of motion.
+        """Return the lever of the axial force in a top joint about the centre line of a column [m].
+
+        The lever replaces χB in (F8). It is positive against the direction of motion.
 
         For round ends, (R5) replaces the columns by taller columns with flat ends. The result belongs to the
         real columns: to first order it is σB + r_cθ of (R4) while rocking, and exactly ξB in full contact.
 
-        - `flat`: this distance in columns with flat ends, χB [m]
-        - `lean`: inclination of the resultant to the vertical as a tangent, as in `MeanForces` [–]
+        - `flat`: the lever for columns with flat ends, χB [m]
+        - `lean`: as in `MeanForces`, tan ψ while rocking and ξ tan α in full contact [–]
         """
         return flat if self.raised is None else flat - self.raised * lean
 

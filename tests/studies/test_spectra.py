@@ -128,7 +128,7 @@ def test_a_spectrum_with_other_options_is_not_resumed(spectrum, change, words):
 
 
 def test_a_spectrum_of_another_function_is_not_resumed(spectrum):
-    """Functions of the same name are told apart by their pulses."""
+    """Functions of the same name are distinguished by their pulses."""
     of = lambda pulse: spectra._attributes(PODIUMS["rigid"], pulse, rj.Options())
     first, again, other = (
         of(lambda a, T: rj.Ricker(a, T)),

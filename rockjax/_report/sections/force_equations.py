@@ -97,7 +97,8 @@ def equations(evaluation: Evaluation, extremes: list[Extreme]) -> list[Paragraph
         return [Equations(tuple(rows))]
     parts: list[Text] = [_instant_text(problem, y, words) for y, words in instants]
     text = (
-        "The numbers in the equations are those of the governing instants. ",
+        "The numbers in the equations are those of the governing instants. These are samples of histories, "
+        "so results may differ slightly from the peaks in the tables. ",
         *(z for y in parts for z in y),
     )
     return [Paragraph(text, is_note=True), Equations(tuple(rows))] if parts else [Equations(tuple(rows))]

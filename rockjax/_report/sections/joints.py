@@ -133,7 +133,8 @@ def _governing(evaluation: Evaluation, name: str, extremes: list[Extreme]) -> Ta
 
 
 def _pressure_rows(problem: Problem, extremes: list[Extreme]) -> list[tuple[Cell, ...]]:
-    """Return the row of the largest contact pressure in the form of `_governing`; none without the inputs."""
+    """Return the row of the largest contact pressure, in the form of `_governing`, in a list. The list is
+    empty if an input is missing."""
     largest = [y for y in extremes if y.output == "peak_axial_force"]
     area = contact_area(problem)
     if not largest or area is None:

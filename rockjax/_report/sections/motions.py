@@ -87,7 +87,7 @@ def _table(evaluation: Evaluation, motions: MotionSet, period: float | None) -> 
     ]
     label = f", {motions.label}" if motions.label != motions.name else ""
     key = f"motions.{motions.name}"
-    source = evaluation.problem.sources_of_inputs({motions.name})[key] or "no source given"
+    source = evaluation.problem.sources_of_inputs({motions.name})[key] or "not given"
     caption = f"Motions of the set {motions.name}{label}; source: {source}"
     return Table(f"motions-{slug(motions.name)}", caption, columns, tuple(rows))
 
@@ -99,7 +99,7 @@ def _cells(member: Any, threshold: float, period: float | None) -> tuple[Cell, .
     - `period`: first period of the building [s], or None
     """
     vertical = getattr(member, "vertical", None)
-    vertical_cell: Cell = TextCell("no vertical", "none")
+    vertical_cell: Cell = TextCell("no vertical component", "none")
     if not isinstance(member, Motion):
         no_value = TextCell("not computed", "none")
         amplitude = float(getattr(getattr(member, "horizontal", member), "a_p", np.nan))
@@ -169,7 +169,7 @@ def _hashes(motions: MotionSet) -> Table:
     rows = []
     for name, sha in zip(motions.names, motions.hashes, strict=True):
         first, _, second = sha.partition("+")
-        last = TextCell((Code(second),)) if second else TextCell("no vertical", "none")
+        last = TextCell((Code(second),)) if second else TextCell("no vertical component", "none")
         rows.append((TextCell(name), TextCell((Code(first),)), last)[: len(columns)])
     are_records = {isinstance(member, Motion) for member in motions.members}
     kinds = [("samples (little-endian float64)", True), ("parameters", False)]

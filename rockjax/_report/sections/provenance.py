@@ -22,7 +22,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
     """Return section 12 of the page."""
     del units
     problem = evaluation.problem
-    # Histories are not counted, because only new pictures need them.
+    # Histories are not counted, because only new pictures need them. Searches store no scenes.
     scenes = sum(
         int(data["result"].size)
         for name, data in evaluation.scenes.store.used.items()
@@ -34,7 +34,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
         ("Python", platform.python_version()),
         ("Platform", f"{platform.system()} {platform.machine()}"),
         ("Problem file", f"{problem.path.name}, SHA-256 {problem.sha256}"),
-        ("Scenes of this report", str(scenes)),
+        ("Scenes of this report, without searches and histories", str(scenes)),
     ]
     rows += [(label, _digest(problem, name)) for label, name in _files(problem).items()]
     members = [member for motions in problem.motions.values() for member in motions.members]

@@ -41,7 +41,7 @@ _MEANINGS = {
     "damping": ("Damping ratio ζ", "ratio"),
     "columns": ("Number of columns N", "count"),
     "elevation.columns": ("Positions of the columns x", "length"),
-    "stories": ("Number of stories", "count"),
+    "stories": ("Number of storeys", "count"),
     "modes": ("Number of modes", "count"),
     "tendon_force": ("Force of a tendon P₀", "force"),
     "tendon_stiffness": ("Stiffness of a tendon K", "stiffness"),
