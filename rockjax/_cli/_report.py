@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
@@ -116,8 +117,9 @@ def _without_folder(word: str, paths: Sequence[Path] = ()) -> str:
     - `word`: the word; `paths`: paths of the files of the command
     """
     for path in map(str, paths):
-        if "/" in path and word.endswith(path):
-            return word[: -len(path)] + Path(path).name
+        start = word.removesuffix(path)  # such as "--output=" or "-o"
+        if "/" in path and start != word and re.fullmatch(r"|.*=|-\w", start):
+            return start + Path(path).name
     option, equals, value = word.rpartition("=")
     is_path = "/" in value and Path(value).parent.is_dir()
     return f"{option}{equals}{Path(value).name}" if is_path else word

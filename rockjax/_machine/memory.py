@@ -57,7 +57,10 @@ def _free_in_container() -> int:
     drop count as free. Raises `OSError` or `ValueError` without a container or a limit."""
     folder = SYSTEM_ROOT / "sys/fs/cgroup"
     limit, used = (int((folder / f"memory.{name}").read_text()) for name in ("max", "current"))
-    entries = (line.split() for line in (folder / "memory.stat").read_text().splitlines())
+    try:
+        entries = [line.split() for line in (folder / "memory.stat").read_text().splitlines()]
+    except OSError:
+        entries = []
     return limit - used + sum(int(entry[1]) for entry in entries if entry[0] == "inactive_file")
 
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import json
 import re
 import threading
 import time
+import uuid
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future
 from pathlib import Path
@@ -42,11 +44,17 @@ def fingerprint(*values: Any) -> str:
 
 
 def _source() -> str:
-    """Return a hash of the source of this package; "" if there are no source files."""
+    """Return a hash of the source of this package. If the source is unknown, return a text that no other
+    process has, so that other processes do not use the stored datasets of this one."""
     try:
         return source_hash()
     except NoKeyError:
-        return ""
+        return _name_of_process()
+
+
+@functools.cache
+def _name_of_process() -> str:
+    return uuid.uuid4().hex
 
 
 # Arguments of `Store.get`: name, fingerprint, and function that computes the dataset.

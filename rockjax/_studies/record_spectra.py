@@ -97,8 +97,7 @@ def record_spectrum(
     cells = np.arange(count * sizes.size)
     scale_range = (0.0, float(max_scale))
     precompile_scan(plane, cells, scale_range, options, width)
-    if "peak_rotation" not in [output.name for output in options.requested]:
-        options = options.replace(outputs=(*options.outputs, "peak_rotation"))
+    options = _with_rotation(options)
     peaks = peak_responses(*plane(cells, np.ones(cells.size)), options=options, progress=progress)
     search = scan(
         plane, cells, scale_range, resolution, options, progress, first_only=True, width=width, dips=False
@@ -155,3 +154,10 @@ def _checked_sizes(owner: str, p: Float[ArrayLike, " n"]) -> np.ndarray:
         raise ValueError(f"{owner}: p must be a 1-D array of ascending values, got {p!r}")
     require(owner, "p", sizes, lambda v: v > 0, "finite and > 0 rad/s")
     return sizes
+
+
+def _with_rotation(options: Options) -> Options:
+    """Return options whose outputs include the peak rotation."""
+    if "peak_rotation" in [output.name for output in options.requested]:
+        return options
+    return options.replace(outputs=(*options.outputs, "peak_rotation"))

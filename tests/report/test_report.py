@@ -633,6 +633,7 @@ def test_the_printed_command_has_no_folders(word, expected, tmp_path):
 def test_the_printed_command_has_no_folders_that_do_not_exist_yet(option):
     path = Path("/home/ann/new/page.html")
     assert _without_folder(f"{option}{path}", [Path("problem.toml"), path]) == f"{option}page.html"
+    assert _without_folder("layout/x.html", [Path("out/x.html")]) == "layout/x.html"
 
 
 @pytest.mark.slow
