@@ -128,7 +128,7 @@ def test_words(report, checks):
     assert checks["C1"].result == "PASS"
     assert checks["C2"].result == "FAIL"
     assert checks["C2"].utilisation == math.inf
-    assert "overturned at" in checks["C2"].text
+    assert "overturned at −0.2" in checks["C2"].text  # with the sign "−"; the pulse starts before t = 0
     assert checks["C2"].state == "overturned"
     assert checks["C5"].result == checks["C6"].result == "NOT MADE"
     assert "contact_width" in checks["C6"].reason
@@ -453,7 +453,8 @@ def test_the_report_is_accessible(browser, folder, report, width, theme):
 def test_the_printed_report_has_every_row(browser, folder, report):
     """The summary is on page 1, and every row is on one page."""
     pages = printed(browser, folder / "page.html")
-    assert all(re.search(rf"\b{check.id}\b", pages[0]) for check in report.evaluation.checks)
+    # In the text of the page, words may follow each other without a blank.
+    assert all(re.search(rf"{check.id}(?!\d)", pages[0]) for check in report.evaluation.checks)
     missing = []
     for name, table in report.tables.items():
         for row in table.rows if name != "summary" else ():  # the summary has bars and symbols instead

@@ -355,6 +355,11 @@ class Kind(abc.ABC):
         yield from ()
 
 
+def overturned_at(time: float) -> str:
+    """Return the text of a value that is infinite because something overturned at a time [s]."""
+    return f"overturned at {time:.2f} s".replace("-", "−")
+
+
 def with_texts(
     scenes: Scenes,
     entry: Entry,
@@ -383,7 +388,7 @@ def with_texts(
             states.append("unanswered")
         elif is_overturned:
             values[k] = worst
-            texts.append(f"overturned at {float(data['overturn_time'][k]):.2f} s")
+            texts.append(overturned_at(float(data["overturn_time"][k])))
             states.append("overturned")
         else:
             state = "joint opens" if values[k] == worst else ""

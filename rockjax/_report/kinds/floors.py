@@ -24,7 +24,7 @@ from rockjax._responses.simulate import peak_response
 from rockjax._structures import Podium
 from rockjax._types import Value
 
-from .base import Kind, Values, errors_of, with_texts, worst_of
+from .base import Kind, Values, errors_of, overturned_at, with_texts, worst_of
 
 if TYPE_CHECKING:
     import xarray
@@ -88,7 +88,7 @@ class FloorKind(Kind):
             # `with_texts` gives this state to every infinite value. Here the block has overturned.
             if states[k] == "joint opens":
                 time = float(data["contents_overturn_time"].values[k, worst[k]])
-                texts[k], states[k] = f"{locations[k]} overturned at {time:.2f} s", "overturned"
+                texts[k], states[k] = f"{locations[k]} {overturned_at(time)}", "overturned"
             elif not texts[k] and results.did_not_finish(codes[k]).any():
                 unanswered[k] = results.NAMES[int(codes[k].max())]
             elif not texts[k] and np.isinf(errors[k]):
@@ -126,7 +126,7 @@ class FloorKind(Kind):
                 value = data[self.variable].values[k, j]
                 cells.append(
                     TextCell(
-                        f"overturned at {float(data['contents_overturn_time'].values[k, j]):.2f} s",
+                        overturned_at(float(data["contents_overturn_time"].values[k, j])),
                         "overturned",
                     )
                     if overturned[k, j]
