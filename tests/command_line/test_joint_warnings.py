@@ -37,6 +37,15 @@ def found(
     )
 
 
+def matching_lines(peaks, mu, expected):
+    """Return the warnings, one for each expected pattern."""
+    lines = list(joint_warnings(FRAME, peaks, mu))
+    assert len(lines) == len(expected)
+    for line, pattern in zip(lines, expected, strict=True):
+        assert re.search(pattern, line), line
+    return lines
+
+
 @pytest.mark.parametrize(
     ("peaks", "mu", "expected"),
     [
@@ -74,12 +83,9 @@ def found(
     ],
 )
 def test_one_line_for_each_assumption_that_fails(peaks, mu, expected):
-    lines = list(joint_warnings(FRAME, peaks, mu))
-    assert len(lines) == len(expected)
-    for line, pattern in zip(lines, expected, strict=True):
+    for line in matching_lines(peaks, mu, expected):
         assert line.startswith("warning: ")
         assert "\n" not in line
-        assert re.search(pattern, line), line
 
 
 def test_restitution_below_that_of_compatible_impacts_warns():
@@ -137,10 +143,7 @@ IMPACT_MISSING = r"not checked completely: .* the beam stays on all columns .*ou
     ],
 )
 def test_checks_without_their_answers_are_named(peaks, mu, expected):
-    lines = list(joint_warnings(FRAME, peaks, mu))
-    assert len(lines) == len(expected)
-    for line, pattern in zip(lines, expected, strict=True):
-        assert re.search(pattern, line), line
+    matching_lines(peaks, mu, expected)
 
 
 def test_warnings_are_in_the_json_object_and_on_stderr_if_quiet(capsys):

@@ -87,10 +87,7 @@ def known_instants(evaluation: Evaluation, name: str, motion: int) -> Instants:
     this history."""
     scenes = evaluation.scenes
     is_needed = (name, motion) == governing_scene(scenes, sets_with_scenes(evaluation)) or any(
-        (check.motions, check.governing) == (name, motion)
-        and isinstance(check.kind, PeakKind)
-        and _has_instant(check.kind.variable)
-        and check.state != "overturned"
+        (check.motions, check.governing) == (name, motion) and _shows_instant(check)
         for check in evaluation.checks
     )
     if scenes.problem.podium.elevation is not None:
@@ -148,6 +145,18 @@ def _governing(scenes: Scenes, names: Sequence[str]) -> Iterator[tuple[str, int]
         for output, _, motion in extremes_of(scenes.peaks(name)):
             if output != "peak_foundation_shear":
                 yield name, motion
+
+
+def _shows_instant(check: Check) -> bool:
+    """Return whether the page shows the instant of a check: that of a largest or least value, or the one at
+    which a joint opens. A mean or a quantile has no instant."""
+    return (
+        isinstance(check.kind, PeakKind)
+        and check.governing is not None
+        and check.state != "overturned"
+        and (check.statistic == "max" or check.state == "joint opens")
+        and _has_instant(check.kind.variable)
+    )
 
 
 def _has_instant(variable: str) -> bool:
@@ -254,19 +263,16 @@ def opening_of(evaluation: Evaluation, name: str, motion: int) -> Instant | None
 
 
 def instant_of_check(check: Check, evaluation: Evaluation) -> Instant | None:
-    """Return the instant of the governing value of a check of a peak; None if it is unknown.
+    """Return the instant of the governing value of a check of a peak; None if the page does not show it.
 
     If the value is infinite because a joint opens, the result is the first instant at which a joint is in
     tension.
     """
-    kind = check.kind
-    if (
-        not isinstance(kind, PeakKind)
-        or check.governing is None
-        or check.state == "overturned"
-        or not _has_instant(kind.variable)
-    ):
+    if not _shows_instant(check):
         return None
+    kind = check.kind
+    assert isinstance(kind, PeakKind)
+    assert check.governing is not None
     if check.state == "joint opens":
         return opening_of(evaluation, str(check.motions), check.governing)
     row = -1
