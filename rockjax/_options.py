@@ -34,15 +34,22 @@ RESERVED = (
 )  # fmt: skip
 
 
-def _check_names(output: AbstractOutput) -> None:
+def _check_names(outputs: list[AbstractOutput]) -> None:
     """Raise `ValueError` if a name of a user-defined output or of one of its answers is not an identifier, or
     is in use."""
-    for name in (output.name, *(variable.name for variable in output.variables)):
-        if name in (*OUTPUTS, *VARIABLES, *RESERVED) or not name.isidentifier():
-            raise ValueError(
-                "Options: the name of a user-defined output and of each of its answers must be a Python "
-                f"identifier, and not the name of a built-in output or answer, got {name!r}"
-            )
+    owners: dict[str, AbstractOutput] = {}
+    for output in outputs:
+        for name in (output.name, *(variable.name for variable in output.variables)):
+            if name in (*OUTPUTS, *VARIABLES, *RESERVED) or not name.isidentifier():
+                raise ValueError(
+                    "Options: the name of a user-defined output and of each of its answers must be a Python "
+                    f"identifier, and not the name of a built-in output or answer, got {name!r}"
+                )
+            if owners.setdefault(name, output) != output:
+                raise ValueError(
+                    "Options: the names of user-defined outputs and of their answers must differ, got "
+                    f"{name!r} from {type(owners[name]).__name__} and {type(output).__name__}; rename one"
+                )
 
 
 def _follows_steps(output: AbstractOutput) -> bool:
@@ -131,8 +138,7 @@ class Options(Module):
                 f"Options: outputs must be one or more of {OUTPUTS}, or instances of a subclass of "
                 f"rockjax.AbstractOutput, got {self.outputs!r}"
             )
-        for output in user_outputs:
-            _check_names(output)
+        _check_names(user_outputs)
         for output in self.requested:
             if (output.needs_flat or _follows_steps(output)) and self.engine != "flat":
                 raise ValueError(

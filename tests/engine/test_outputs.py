@@ -216,6 +216,14 @@ def test_own_outputs_with_other_parameters_are_other_outputs():
     assert ScaledRotation(factors) != ScaledRotation(factors)  # arrays have no hash
 
 
+def test_names_of_own_outputs_differ():
+    """Of two answers with one name, one would be lost."""
+    twice = rj.Options(outputs=(ScaledRotation(1.0), ScaledRotation(1.0)))
+    assert len(twice.outputs) == 2
+    with pytest.raises(ValueError, match="must differ, got 'scaled_rotation' from ScaledRotation and"):
+        rj.Options(outputs=(ScaledRotation(1.0), ScaledRotation(2.0)))
+
+
 @pytest.mark.parametrize("kind", ["rigid", "elastic"])
 def test_own_outputs_of_one_scene(kind):
     """Comparison with a dense history; the jump is (1 − e) times the speed before the impact."""
