@@ -41,7 +41,8 @@ def fragility(
     - `method`: `"capacities"` fits the capacities of the records, their least overturning intensities. If a
       record does not overturn, its capacity is only known to be above the highest level (censored). If the
       scene at a level below its capacity did not finish, the capacity is only known to be above the last
-      level before this scene.
+      level before this scene. A record whose scene at the lowest level did not finish is left out, with a
+      `RuntimeWarning`.
       `"stripes"` fits the counts of overturned records at each level. A record that survives a level above
       its capacity counts as a survival there, and a scene that did not finish does not count. The default is
       `"capacities"`; with `limit` it is `"stripes"`, the only method that is then valid
@@ -89,9 +90,12 @@ def fragility(
         method = "stripes"
         analysis = _with_limit(analysis, limit)
     data = _Outcomes.from_analysis(analysis)
+    is_known = np.ones(data.capacity.size, bool)
     if method == "capacities":
-        _check_bounds(analysis, data)
-    fit = _fit(method, data, analysis.attrs.get("limit_state"))
+        is_known = np.isfinite(data.capacity) | (data.censor_limit > 0)
+        data = data._replace(capacity=data.capacity[is_known], censor_limit=data.censor_limit[is_known])
+        _warn_of_unknown_capacities(analysis, is_known)
+    fit = _fit(method, data, analysis)
     x = checked_intensities("fragility", at, data.levels)
     curve = _dataset(analysis, fit, x, method)
     if confidence is not None:
@@ -99,7 +103,8 @@ def fragility(
     if "sensitivity" in analysis and method == "capacities":
         has_capacity = np.isfinite(data.capacity)
         # d(capacity)/d ln y, shape (parameters, records with a capacity)
-        capacity_slopes = analysis["sensitivity"].values[:, has_capacity] * data.capacity[has_capacity]
+        log_slopes = analysis["sensitivity"].values[:, is_known][:, has_capacity]
+        capacity_slopes = log_slopes * data.capacity[has_capacity]
         fit_slopes = _slopes_of_fit(data.capacity, data.censor_limit)
         long_names = {
             "median_sensitivity": "d ln(median)/d ln y",
@@ -209,15 +214,17 @@ def _check(analysis: xarray.Dataset, method: str | None, confidence: float | Non
     check_confidence(owner, confidence)
 
 
-def _check_bounds(analysis: xarray.Dataset, data: _Outcomes) -> None:
-    """Raise `ValueError` if neither the capacity of a record nor a lower bound of it is known."""
-    is_unknown = np.isinf(data.capacity) & (data.censor_limit == 0)
-    if is_unknown.any():
-        names = ", ".join(map(str, analysis["record"].values[is_unknown]))
-        raise ValueError(
-            f"fragility: the capacity of record {names} is unknown, because the scene at the lowest "
-            f"intensity {data.levels[0]:g} did not finish; lower this intensity, or leave the record out. "
-            f"{explain_failures(analysis['result'].values[is_unknown, 0])}"
+def _warn_of_unknown_capacities(analysis: xarray.Dataset, is_known: np.ndarray) -> None:
+    """Warn of the records that a fit of capacities leaves out. `is_known`: for each record, whether its
+    capacity or a lower bound of its capacity is known."""
+    if not is_known.all():
+        names = ", ".join(map(str, analysis["record"].values[~is_known]))
+        warnings.warn(
+            f"fragility: record {names} is left out of the fit, because the scene at the lowest intensity "
+            f"{analysis['intensity'].values[0]:g} did not finish. "
+            f"{explain_failures(analysis['result'].values[~is_known, 0])}",
+            RuntimeWarning,
+            stacklevel=3,
         )
 
 
@@ -234,19 +241,20 @@ def _describe_type(value) -> str:
     return f"a dataset of kind {kind!r}" if kind else f"a {type(value).__name__}"
 
 
-def _fit(method: str, data: _Outcomes, limit_state: str | None) -> Lognormal:
+def _fit(method: str, data: _Outcomes, analysis: xarray.Dataset) -> Lognormal:
     """Return the fitted curve. Raises `ValueError` if the likelihood has no maximum.
 
-    - `method`, `data`: method of the fit, and outcomes of the records
-    - `limit_state`: the limit state in words, for the message; None if only overturning counts
+    - `method`, `data`: method of the fit, and outcomes of the records; `analysis`: the analysis
     """
     if method == "capacities":
         fit = _fit_capacities(data.capacity, data.censor_limit)
     else:
         fit = _fit_counts(data.levels, data.events, data.trials)
     if not np.isfinite(fit.median):
+        limit_state = analysis.attrs.get("limit_state")
         note = "" if limit_state is None else f" (records with {limit_state} count as overturned)"
-        raise ValueError(f"fragility: {_explain_failure(method, data)}{note}")
+        failures = explain_failures(analysis["result"].values)
+        raise ValueError(f"fragility: {_explain_failure(method, data, failures)}{note}")
     return fit
 
 
@@ -388,10 +396,19 @@ def _slopes_of_fit(capacity, censor_limit):
     return jnp.where(has_capacity[None], jax.jacrev(fit)(finite), 0.0)
 
 
-def _explain_failure(method: str, data: _Outcomes) -> str:
-    """Return the reason why no curve can be fitted, and the cure."""
-    capacities, total = data.capacity[np.isfinite(data.capacity)], data.capacity.size
+def _explain_failure(method: str, data: _Outcomes, failures: str) -> str:
+    """Return the reason why no curve can be fitted, and the cure.
+
+    - `method`, `data`: method of the fit, and outcomes of the records
+    - `failures`: result of `explain_failures` for all scenes; "" if all finished
+    """
+    capacities, total = data.capacity[np.isfinite(data.capacity)], data.overturned.shape[0]
     if method == "capacities":
+        if capacities.size < 2 and failures:
+            return (
+                f"only {capacities.size} of {total} records overturn below the first intensity at which a "
+                f"scene did not finish, but a fit needs two. {failures}"
+            )
         if capacities.size < 2:
             return (
                 f"only {capacities.size} of {total} records overturn up to the highest intensity "
@@ -400,6 +417,8 @@ def _explain_failure(method: str, data: _Outcomes) -> str:
         return f"the capacities of the {capacities.size} records that overturn are equal; use other records"
     is_counted, cure = data.trials > 0, "use other levels or other records"
     share, levels = (data.events / np.maximum(data.trials, 1))[is_counted], data.levels[is_counted]
+    if failures and (not share.any() or share.min() == 1):
+        return f"{'all' if share.any() else 'no'} finished scenes overturn. {failures}"
     if not share.any():
         return f"no record overturns at the levels up to {data.levels[-1]:g}; raise the highest intensity"
     if share.min() == 1:
