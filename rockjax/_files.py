@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
+import signal
 import tempfile
-from collections.abc import Callable, Mapping
+import threading
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -46,6 +49,23 @@ def write_atomically(path: str | Path, write: Callable[[str], object]) -> Path:
             ) from error
         raise
     return path
+
+
+@contextlib.contextmanager
+def interruption_delayed() -> Iterator[None]:
+    """Delay Ctrl-C until the end of the `with` block. Only the main thread receives Ctrl-C, so the block may
+    run in any thread."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    received: list[int] = []
+    previous = signal.signal(signal.SIGINT, lambda number, frame: received.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, previous)
+        if received:
+            signal.raise_signal(signal.SIGINT)
 
 
 CONVENTIONS = "CF-1.8"  # the earliest version of the CF conventions that has groups and strings

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rockjax._files import write_atomically
+from rockjax._files import interruption_delayed, write_atomically
 from rockjax._machine.threads import TABLE_MODULES, import_in_background
 
 from .assemble import page_of, units_of
@@ -96,15 +96,25 @@ def _writer(content: bytes) -> Any:
 
 
 def _write_both(first: tuple[Path, bytes], second: tuple[Path, bytes]) -> list[Path]:
-    """Write two files, pairs (path, content), and return their paths. If an error or an interruption prevents
-    the writing of one file, both keep their old contents."""
+    """Write two files, pairs (path, content), and return their paths. If an error prevents the writing of one
+    file, both keep their old contents. Ctrl-C takes effect only after both files are written."""
+    (path, content), (other, other_content) = first, second
+    old = other.read_bytes() if other.is_file() else None
     written: list[Path] = []
 
     def write(name: str) -> None:
-        _writer(first[1])(name)
-        written.append(write_atomically(second[0], _writer(second[1])))
+        _writer(content)(name)
+        written.append(write_atomically(other, _writer(other_content)))
 
-    return [write_atomically(first[0], write), *written]
+    with interruption_delayed():
+        try:
+            return [write_atomically(path, write), *written]
+        except BaseException:
+            if written and old is None:
+                other.unlink()
+            elif written and old is not None:
+                write_atomically(other, _writer(old))
+            raise
 
 
 def report(

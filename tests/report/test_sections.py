@@ -1,6 +1,8 @@
 """Cells and formulas of sections, from made-up motions, windows, histories and results."""
 
 import dataclasses
+import os
+import signal
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -258,6 +260,30 @@ def test_a_page_and_its_numbers_are_written_together(tmp_path):
     numbers.rmdir()
     assert _write_both((page, b"new"), (numbers, b"1")) == [page, numbers]
     assert (page.read_text(), numbers.read_text()) == ("new", "1")
+    page.unlink()
+    page.mkdir()
+    with pytest.raises(OSError, match=r"page\.html"):
+        _write_both((page, b"newer"), (numbers, b"2"))
+    assert numbers.read_text() == "1"
+    numbers.unlink()
+    with pytest.raises(OSError, match=r"page\.html"):
+        _write_both((page, b"newer"), (numbers, b"2"))
+    assert not numbers.exists()
+
+
+def test_ctrl_c_does_not_come_between_a_page_and_its_numbers(tmp_path, monkeypatch):
+    replace = os.replace
+
+    def interrupted(*paths):
+        replace(*paths)
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr("rockjax._files.os.replace", interrupted)
+    page, numbers = tmp_path / "page.html", tmp_path / "page.json"
+    with pytest.raises(KeyboardInterrupt):
+        _write_both((page, b"new"), (numbers, b"1"))
+    assert (page.read_text(), numbers.read_text()) == ("new", "1")
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 @pytest.mark.parametrize(
@@ -290,4 +316,4 @@ def test_derivatives_that_are_not_known_are_left_out():
     check = SimpleNamespace(value=1.0, utilisation=0.5, no_slopes="no derivative")
     for known, text in (({"gamma": 0.5}, "gamma +0.50"), ({}, "no derivative")):
         check.sensitivities = {"alpha": float("nan")} | known
-        assert summary._slopes(check) == text
+        assert plain(summary._slopes(check), Units.si(9.81)) == text
