@@ -60,7 +60,8 @@ class Dimensions(Module):
     - `end_radius`: radius of round ends of the columns [m]
 
     Names of design variables of one story end with the number of the story, counted from the bottom, such as
-    `story_mass_1` and `story_stiffness_2`. The first of `positions` is the design variable `position_1`.
+    `story_mass_1` and `story_stiffness_2`. The first of `positions` is the design variable `position_1`, and
+    the first of several values of `top_height` is `top_height_1`.
 
     Raises `ValueError` for values that do not define a podium.
     """
@@ -92,7 +93,7 @@ class Dimensions(Module):
     modes: int | None = eqx.field(static=True, default=None)
     positions: Any = eqx.field(converter=functools.partial(_row, name="positions"), default=None)
     beam_depth: Any = 0.0
-    top_height: Any = 0.0
+    top_height: Any = eqx.field(converter=functools.partial(_row, name="top_height"), default=0.0)
     residual_height: Any = 0.0
     end_radius: Any = 0.0
 
@@ -312,10 +313,10 @@ def _check_name(owner: str, base: Structure, name: str) -> None:
 def _check_dimension(owner: str, base: Dimensions, name: str) -> None:
     """Raise `ValueError` unless `name` denotes a dimension that can vary."""
     rows = [(entry, getattr(base, entry.attribute_path)) for entry in ROWS_OF_DIMENSIONS.values()]
-    variable_names = [entry.name for entry in DIMENSIONS.values() if not entry.is_integer]
-    variable_names += [
-        numbered_parameter(e, k + 1).name for e, row in rows if row is not None for k in range(row.size)
-    ]
+    rows = [(entry, row.size) for entry, row in rows if np.ndim(row)]
+    names_of_rows = [entry.name for entry, _ in rows]
+    variable_names = [y.name for y in DIMENSIONS.values() if not y.is_integer and y.name not in names_of_rows]
+    variable_names += [numbered_parameter(entry, k + 1).name for entry, size in rows for k in range(size)]
     if name not in variable_names:
         raise ValueError(
             f"{owner}: vary names {name!r}; dimensions that can vary are {', '.join(variable_names)}"

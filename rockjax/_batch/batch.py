@@ -26,7 +26,7 @@ from rockjax._machine.memory import BYTES_PER_SCENE, BYTES_PER_SENSITIVITY, requ
 from rockjax._machine.threads import run_in_threads
 from rockjax._motions.convert import AnyMotions, as_batch
 from rockjax._options import Options, canonical_options
-from rockjax._parameters.variants import attribute_path_of
+from rockjax._parameters.variants import attribute_path_of, is_of_elevation
 from rockjax._responses.arguments import check_range, check_types
 from rockjax._responses.estimate import errors, second_options
 from rockjax._responses.on_floors import SecondarySystems, as_systems
@@ -93,7 +93,9 @@ def peak_responses(
     - `sensitivities`: parameters y for which derivatives of all requested peaks with respect to ln y are
       computed, with the other parameters held constant: parameters of the podiums as in [`rockjax.grid`][]
       (`"alpha"`, `"R"`, `"gamma"`, `"T_s"`, …), parameters of the motions (`"a_p"`, `"T_p"`, `"dt"`, …) and
-      `"scale"`, a factor on any motion. The derivatives are the field `sensitivities` of the result
+      `"scale"`, a factor on any motion. `"positions"`, `"story_heights"` and, for several modes or floors,
+      `"top_height"` denote a factor on all values of a row. The derivatives are the field `sensitivities` of
+      the result
     - `devices`: JAX devices of one platform, which share the scenes and are served by one thread. By
       default all accelerators are used or, if there are none, threads on the CPU
     - `threads`: number of threads on a CPU, ≥ 1; must be None if `devices` are given. By default a thread is
@@ -167,9 +169,10 @@ def responses(
         )
     names = check_sensitivities("peak_responses", podiums, excitations, sensitivities)
     varied = {attribute_path_of(name).partition(".")[0] for name in names}
+    needs_elevation = options.of_joints or any(is_of_elevation(name) for name in names)
     if "restrainers" not in varied:
         podiums = podiums.without_idle_restrainers()
-    if not options.of_joints and "elevation" not in varied:
+    if not needs_elevation:
         podiums = podiums.without_elevation()
     systems = as_systems("peak_responses", podiums, on_floors)
     solution_count = 2 if "errors" in options.outputs else 1

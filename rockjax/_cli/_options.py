@@ -157,6 +157,8 @@ def _option_type(annotation: Any) -> tuple[Any, Callable[[str, Any], Any], dict[
         ]
         if len(members) > 1 and choices:
             return str, _parse_number_or_text, {"autocompletion": lambda: choices}
+        if len(members) > 1 and members[0][1] is _parse_numbers:
+            return str, _parse_one_or_more, {}
         if str in arguments:  # names such as 090 are not converted to numbers
             return str, lambda _, value: value, {}
         return members[0]
@@ -168,6 +170,11 @@ def _parse_numbers(flag: str, text: str) -> list[float]:
         return [float(number) for number in text.split(",")]
     except ValueError:
         raise typer.BadParameter(f"{flag} needs numbers separated by commas, got {text!r}") from None
+
+
+def _parse_one_or_more(flag: str, text: str) -> float | list[float]:
+    numbers = _parse_numbers(flag, text)
+    return numbers if len(numbers) > 1 else numbers[0]
 
 
 def _split_names(_: str, text: str) -> list[str]:

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 # Keys of problem files that have options.
 _SUPERSTRUCTURE_KEYS = tuple(models.Superstructure.model_fields)
 _STRUCTURE_KEYS = [*models.ByRatios.model_fields, *_SUPERSTRUCTURE_KEYS, *models.ByDimensions.model_fields]
+# Options of the elevation ↦ keys of `[structure.elevation]`, for structures by ratios.
+_ELEVATION_KEYS = {{"columns": "positions"}.get(name, name): name for name in models.Elevation.model_fields}
 _COLUMN_DIMENSIONS = ("width", "height", "column_mass")
 _PULSE_KEYS = [name for name in models.Pulses.model_fields if name != "vertical_ratio"]
 _MOTION_KEYS = [*models.Pulses.model_fields, *models.Record.model_fields]
@@ -71,7 +73,9 @@ class Request:
                 self.values[name] = str(Path(values[name]).absolute())
         self.flags = {name: flag for name, (flag, _) in explicit.items() if name in values}
         self.file_tables = {} if path is None else reading.load_table(path)
-        self.reader = reading.Reader(path, explicit)
+        # The option --positions sets the key `columns` of `[structure.elevation]`.
+        renamed = {"columns": explicit["positions"]} if "positions" in explicit else {}
+        self.reader = reading.Reader(path, renamed | dict(explicit))
         # Keys that the table of this command may have in the problem file.
         self.keys = getattr(models, command.title(), models.Keys).model_fields
         self.tables = self._merge(values)
@@ -137,13 +141,23 @@ class Request:
     def _by_ratios(self, table: dict[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
         """Return the table of a structure by ratios, overridden by `values`.
 
+        The options of the elevation set the keys of the table `elevation`. Raises `ValueError` for heights
+        without positions.
+
         If `values` contain keys of the superstructure, the superstructure is changed as follows. T_s = 0
         makes it rigid. Values with η = 0 remove it. It is also removed if η is missing, unless the command
         line sets T_s or ζ.
         """
         merged = self._override(
-            table, {name: y for name, y in values.items() if name not in _SUPERSTRUCTURE_KEYS}
+            table,
+            {name: y for name, y in values.items() if name not in (*_SUPERSTRUCTURE_KEYS, *_ELEVATION_KEYS)},
         )
+        elevation = {key: values[name] for name, key in _ELEVATION_KEYS.items() if name in values}
+        if elevation and isinstance(merged.setdefault("elevation", {}), dict):
+            merged["elevation"] = merged["elevation"] | elevation
+            if "columns" not in merged["elevation"]:
+                flag = next(self.flags[name] for name in _ELEVATION_KEYS if name in values)
+                raise ValueError(f"{flag} needs the positions of the columns as well; give --positions")
         superstructure = merged.pop("superstructure", {})
         changes = {name: values[name] for name in _SUPERSTRUCTURE_KEYS if name in values}
         if changes and isinstance(superstructure, dict):
@@ -213,7 +227,20 @@ class Request:
         return self.reader.options(given, **defaults)
 
     def podium(self) -> rj.Podium:
-        """Return the structure. Also sets `MASSES`, the attributes of output files."""
+        """Return the structure. Also sets `MASSES`, the attributes of output files. Raises `ValueError` for
+        several heights of a superstructure with a single mass."""
+        podium = self._podium()
+        top, elevation = podium.superstructure, podium.elevation
+        if elevation is not None and elevation.top_height.ndim and getattr(top, "height_count", None) is None:
+            self.reader.fail(
+                "structure",
+                "top_height must be one number for a superstructure without several modes or floors, got "
+                f"{elevation.top_height.tolist()}",
+            )
+        return podium
+
+    def _podium(self) -> rj.Podium:
+        """Return the structure, which may still lack its superstructure."""
         structure, attributes = self.problem.structure, {}
         if isinstance(structure, models.ByDimensions):
             masses = ("column_mass", "beam_mass", "top_mass", "story_masses")
@@ -240,7 +267,7 @@ class Request:
         """
         from rockjax._structures import superstructure_of
 
-        podium, settings = self.podium(), self.settings
+        podium, settings = self._podium(), self.settings
         explicit_keys = {*self.flags, *settings.model_fields_set}
         gamma, eta, top = float(podium.gamma), float(podium.eta), podium.superstructure
         has_structure = "structure" in self.file_tables or isinstance(

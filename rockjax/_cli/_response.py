@@ -48,6 +48,8 @@ def response(request: Request, console: Console, output: Output = "rockjax-respo
       rockjax response --acceleration-ratio 2.5 --T-p 1.0 --T-s 0.5
       rockjax response --width 0.45 --height 3 --column-mass 1500 \\
         --beam-mass 30e3 --a-p 3.7
+      rockjax response --positions 0,4,8 --beam-depth 0.6 --top-height 8.4 \\
+        --friction 0.4
       rockjax response --record suite/RSN1.AT2 --scale 2 --eta 0
       rockjax response problem.toml --motion pulses --number 2
       rockjax response --example response -o response.pdf

@@ -145,9 +145,12 @@ ROWS = _by_name(
         "story_stiffness", "k", "s-2", POSITIVE, "stiffness of the story", "superstructure.stiffnesses"
     ),
     _ratio("story_damping", "ζ", "damping ratio of the mode", "superstructure.damping"),
+    Parameter("story_height", "h", "m", POSITIVE, "height of the story", "superstructure.heights"),
     Parameter("position", "x", "m", ANY, "position of the column", "elevation.columns"),
     Parameter("top_height", "h", "m", ANY, "height of the mode or floor", "elevation.top_height"),
 )
+# Names of rows that sensitivities multiply by a single factor, and the rows.
+WHOLE_ROWS = {"positions": "position", "story_heights": "story_height", "top_height": "top_height"}
 # Scalar parameters of superstructures with several modes: one value for the whole superstructure.
 MULTI_MODE_SCALARS = _by_name(
     _ratio("residual", "η_r", "mass ratio of the residual mass", "superstructure.residual"),
@@ -209,12 +212,18 @@ DIMENSIONS = _by_name(
     Parameter("damper_exponent", "ν", "1", POWER, "exponent of the damper of a column", note=_LINEAR_NOTE),
     Parameter("inertance", "b", "kg", NOT_NEGATIVE, "inertance of the inerter of a column", note=_SPAN_NOTE),
     Parameter("end_radius", "r_c", "m", NOT_NEGATIVE, "radius of round ends of a column", note=_ENDS_NOTE),
+    *(
+        STRUCTURE[name]._replace(attribute_path="")
+        for name in ("beam_depth", "top_height", "residual_height")
+    ),
 )
 # Arguments with one value for each story or column. Names are numbered from 1, such as `story_mass_2`.
 ROWS_OF_DIMENSIONS = _by_name(
     Parameter("story_mass", "m", "kg", POSITIVE, "mass of the floor", "story_masses"),
     Parameter("story_stiffness", "k", "N m-1", POSITIVE, "stiffness of the story", "story_stiffnesses"),
+    Parameter("story_height", "h", "m", POSITIVE, "height of the story", "story_heights"),
     Parameter("position", "x", "m", ANY, "position of the column", "positions"),
+    Parameter("top_height", "h", "m", ANY, "height of the mode or floor", "top_height"),
 )
 
 # Parameters of ground motions: fields of their classes, and ratios of pulses, which variants.py computes.

@@ -21,6 +21,7 @@ from .registry import (
     MULTI_MODE_SCALARS,
     ROWS,
     STRUCTURE,
+    WHOLE_ROWS,
     WIDTH_AND_HEIGHT,
     Parameter,
     find_clash,
@@ -47,6 +48,12 @@ def attribute_path_of(name: str) -> str:
     return "" if parameter is None else parameter.attribute_path
 
 
+def is_of_elevation(name: str) -> bool:
+    """Return whether a parameter, or a row in `WHOLE_ROWS`, affects only the forces in the joints."""
+    path = ROWS[WHOLE_ROWS[name]].attribute_path if name in WHOLE_ROWS else attribute_path_of(name)
+    return path.startswith(("elevation.", _STORY_HEIGHTS_PATH))
+
+
 def parameters_of(podium: Podium) -> dict[str, Parameter]:
     """Return the parameters of this podium by name, including derived ones such as `tan_alpha`."""
     entries = (STRUCTURE | MULTI_MODE_SCALARS).items()
@@ -54,9 +61,13 @@ def parameters_of(podium: Podium) -> dict[str, Parameter]:
         name: entry for name, entry in entries if not entry.is_integer and has_parameter(podium, entry)
     }
     for entry in ROWS.values():
-        numbered = [numbered_parameter(entry, k + 1) for k in range(len(_row(podium, entry)))]
-        parameters |= {parameter.name: parameter for parameter in numbered}
+        parameters |= {parameter.name: parameter for parameter in row_of(podium, entry)}
     return parameters
+
+
+def row_of(podium: Podium, entry: Parameter) -> list[Parameter]:
+    """Return the parameters of the values of a row, one for each mode, story or column, as in `_row`."""
+    return [numbered_parameter(entry, k + 1) for k in range(len(_row(podium, entry)))]
 
 
 def _row(podium: Podium, entry: Parameter) -> tuple[Any, ...]:
@@ -70,6 +81,8 @@ def _row(podium: Podium, entry: Parameter) -> tuple[Any, ...]:
     if field not in getattr(holder, "rows", ()) or (
         entry.attribute_path == _TOP_HEIGHT_PATH and not _has_several_heights(podium)
     ):
+        return ()
+    if entry.attribute_path == _STORY_HEIGHTS_PATH and podium.elevation is None:
         return ()
     values = getattr(holder, field)
     row = () if values is None else split_unless_scalar(values)
@@ -86,6 +99,7 @@ def _has_several_heights(podium: Podium) -> bool:
 
 
 _TOP_HEIGHT_PATH = STRUCTURE["top_height"].attribute_path
+_STORY_HEIGHTS_PATH = ROWS["story_height"].attribute_path
 
 
 def has_parameter(podium: Podium, parameter: Parameter) -> bool:
@@ -93,6 +107,8 @@ def has_parameter(podium: Podium, parameter: Parameter) -> bool:
     `tan_alpha`."""
     if parameter.attribute_path == _TOP_HEIGHT_PATH:
         return podium.elevation is not None and not _has_several_heights(podium)
+    if parameter.attribute_path.startswith(_STORY_HEIGHTS_PATH) and podium.elevation is None:
+        return False
     try:
         _stored_value(podium, parameter.attribute_path)
     except AttributeError:

@@ -237,8 +237,11 @@ class ShearBuilding(AbstractSuperstructure):
     def split_rows(self) -> Self:
         values: dict[str, Any] = {name: split_row(getattr(self, name)) for name in ("masses", "stiffnesses")}
         values["damping"] = split_unless_scalar(self.damping)
-        values["heights"] = None  # the motion does not depend on the heights
+        values["heights"] = None if self.heights is None else split_row(self.heights)
         return with_fields(self, values)
+
+    def without_heights(self) -> Self:
+        return self if self.heights is None else with_fields(self, {"heights": None})
 
     def resolved(self) -> AbstractSuperstructure:
         if not self.retained:

@@ -131,12 +131,10 @@ class Elevation(Module):
 
     def split_rows(self, superstructure: AbstractSuperstructure | None) -> Elevation:
         """Return the elevation with each row, such as `columns`, as a tuple of its elements, so that every
-        leaf has one value per podium of a batch. Heights of a building replace `top_height`."""
+        leaf has one value per podium of a batch."""
         if isinstance(self.columns, tuple):
             return self
         height = self.top_height
-        if superstructure is not None and superstructure.own_heights is not None:
-            height = superstructure.own_heights
         if superstructure is not None and superstructure.height_count is not None:
             height = split_unless_scalar(height)
         return with_fields(self, {"columns": split_row(self.columns), "top_height": height})

@@ -521,10 +521,11 @@ class Podium(Module):
     def split_rows(self) -> Podium:
         """Return the podium with each array over columns, modes or stories split into a tuple of its
         elements, so that every leaf has one value per podium of a batch."""
-        superstructure, elevation = self.superstructure, self.elevation
+        podium = self.without_elevation() if self.elevation is None else self
+        superstructure, elevation = podium.superstructure, podium.elevation
         if isinstance(elevation, Elevation):
             elevation = elevation.split_rows(superstructure)
-        return self._with_parts(None if superstructure is None else superstructure.split_rows(), elevation)
+        return podium._with_parts(None if superstructure is None else superstructure.split_rows(), elevation)
 
     def split(self) -> Podium:
         """Former name of `split_rows`."""
@@ -539,8 +540,10 @@ class Podium(Module):
         return eqx.tree_at(lambda podium: podium.restrainers, self, active)
 
     def without_elevation(self) -> Podium:
-        """Return the podium without its elevation, which does not affect the motion."""
-        return self._with_parts(self.superstructure, None)
+        """Return the podium without its elevation and the heights of its superstructure, which do not affect
+        the motion."""
+        superstructure = self.superstructure
+        return self._with_parts(None if superstructure is None else superstructure.without_heights(), None)
 
     def resolved(self) -> Podium:
         """Return the podium in the form that the engine uses, with the superstructure as oscillators."""

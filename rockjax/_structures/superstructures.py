@@ -114,6 +114,10 @@ class AbstractSuperstructure(Module):
         every leaf has one value per podium of a batch."""
         return self
 
+    def without_heights(self) -> Self:
+        """Return the superstructure without heights of its own, which do not affect the motion."""
+        return self
+
     def resolved(self) -> AbstractSuperstructure:
         """Return the superstructure in the form that the engine uses: `Rigid`, `Elastic` or `Oscillators`."""
         return self

@@ -154,13 +154,15 @@ def test_a_spectrum_of_a_file(run, tmp_path):
     assert sorted(os.listdir()) == ["a-overturning.png", "a-rotation.png", "a.nc"]
 
 
-def panels(*arguments, table=None):
-    """Return the podiums of a spectrum without solving it."""
+def request(command, model, defaults, arguments, read):
+    """Return what `read` returns from the `Request` of a command, which is not run. One of the arguments may
+    be the table of a problem file."""
     from rockjax._cli import _options, _request
 
-    group = typer.main.get_command(app)
-    context = group.commands["spectrum"].make_context("spectrum", [str(a) for a in arguments])
-    options = _options.structure_options(**_options.PANEL_DEFAULTS) | _options.options_of(models.Spectrum)
+    table = next((a for a in arguments if isinstance(a, dict)), None)
+    arguments = [str(a) for a in arguments if not isinstance(a, dict)]
+    context = typer.main.get_command(app).commands[command].make_context(command, arguments)
+    options = _options.structure_options(**getattr(_options, defaults)) | _options.options_of(model)
     explicit = [name for name in options if context.get_parameter_source(name).name == "COMMANDLINE"]
     values = {
         name: None if context.params[name] is None else one.convert(one.flag, context.params[name])
@@ -169,7 +171,77 @@ def panels(*arguments, table=None):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("rockjax._problem.reading.load_table", lambda _: table)
         explicit = {name: (options[name].flag, values[name]) for name in explicit}
-        return _request.Request("spectrum", table and Path("a.toml"), values, explicit).panels()
+        return read(_request.Request(command, table and Path("a.toml"), values, explicit))
+
+
+def panels(*arguments, table=None):
+    """Return the podiums of a spectrum."""
+    given = arguments if table is None else (*arguments, table)
+    return request("spectrum", models.Spectrum, "PANEL_DEFAULTS", given, lambda found: found.panels())
+
+
+def structure(*arguments):
+    """Return the structure of `rockjax response`."""
+    return request("response", models.Response, "SINGLE_DEFAULTS", arguments, lambda found: found.podium())
+
+
+BUILDING = {"width": 0.6, "height": 3.0, "column_mass": 2.7e3, "beam_mass": 30e3}
+RATIOS = {"R": 1.5, "tan_alpha": 0.15, "gamma": 1.0}
+HEIGHTS = "--beam-depth", 0.6, "--top-height", 8.4
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("--positions", "-4,0,5", *HEIGHTS), rj.Elevation([-4.0, 0.0, 5.0], 0.6, 8.4)),
+        (("--positions", "0,4"), rj.Elevation([0.0, 4.0])),
+        (
+            ("--positions", "0,0,6", "--stories", 2, "--top-height", "3,6.5"),
+            rj.Elevation([0.0, 0.0, 6.0], 0.0, [3.0, 6.5]),
+        ),
+        (
+            (*words("--width 0.45 --height 3 --column-mass 1500 --beam-mass 3e4 --positions 0,4"), *HEIGHTS),
+            rj.Elevation([0.0, 4.0], 0.6, 8.4),
+        ),
+        (
+            ("--positions", "0,5", "--residual-height", 2,
+             {"structure": RATIOS | {"elevation": {"columns": [0, 4], "beam_depth": 0.5}}}),
+            rj.Elevation([0.0, 5.0], 0.5, 0.0, 2.0),
+        ),
+        (
+            ("--beam-depth", 0.7, {"structure": BUILDING | {"positions": [0, 4, 8]}}),
+            rj.Elevation([0.0, 4.0, 8.0], 0.7),
+        ),
+    ],
+)  # fmt: skip
+def test_options_of_the_elevation(arguments, expected):
+    assert repr(structure(*arguments).elevation) == repr(expected)
+    np.testing.assert_array_equal(structure(*arguments).elevation.columns, expected.columns)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--beam-depth", 0.6), "--beam-depth needs the positions of the columns as well; give --positions"),
+        (("--top-height", 3, "--width", 0.45, "--height", 3, "--column-mass", 1500), "top_height needs the"),
+        (("--positions", "nan,3"), "--positions: must be a list of numbers"),
+        (("--positions", 3), "must hold the positions of 2 columns or more"),
+        (("--positions", "0,4", "--beam-depth", -1), "--beam-depth: must be a number >= 0, got -1"),
+        (("--positions", "0,4", "--top-height", "3,6"), r"top_height must be one number .*got \[3.0, 6.0\]"),
+        (("--positions", "0,0.1"), "must be at least the width of a column apart"),
+    ],
+)
+def test_wrong_options_of_the_elevation(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        structure(*arguments)
+
+
+def test_the_elevation_of_panels():
+    """Heights belong to the superstructures of the panels."""
+    found = panels("--eta", 30, "--T-s", 0.5, "--stories", 2, "--positions", "0,4", "--top-height", "3,6")
+    (podium,) = found.podiums
+    np.testing.assert_array_equal(podium.elevation.top_height, [3.0, 6.0])
+    assert podium.superstructure.stories == 2
 
 
 def test_panels_of_buildings():
@@ -177,9 +249,6 @@ def test_panels_of_buildings():
     assert [each.superstructure.stories for each in found.podiums] == [3, 3]
     assert [float(each.superstructure.modes.T[0]) for each in found.podiums] == pytest.approx([0.5, 1.0])
     assert float(found.podiums[0].eta) == pytest.approx(30.0)
-
-
-BUILDING = {"width": 0.6, "height": 3.0, "column_mass": 2.7e3, "beam_mass": 30e3}
 
 
 def test_panels_of_a_building_in_a_file():

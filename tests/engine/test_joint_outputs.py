@@ -122,6 +122,24 @@ def noise(n: int = 40) -> rj.Record:
     return rj.Record(3.0 * values / np.abs(values).max(), 0.04)
 
 
+def test_sensitivities_to_positions_and_heights_by_name():
+    """Derivatives by positions, depth and story heights are those of central differences."""
+    names, step = ("positions", "beam_depth", "story_heights"), 1e-5
+    factors = np.concatenate([np.ones((1, 3)), *(1 + y * step * np.eye(3) for y in (1, -1))])
+    columns, depth, heights = factors.T[:, :, None]
+    building = rj.ShearBuilding((30.0, 20.0), (9e3, 7e3), modes=0, heights=heights * np.array([4.0, 3.2]))
+    elevation = rj.Elevation(columns * np.array([-3.0, 0.0, 4.5]), 0.6 * depth[:, 0])
+    podiums = rj.Podium(0.15, 1.5, 10.0, building, elevation=elevation)
+    options = rj.Options(rtol=1e-12, atol=1e-14, outputs=("axial_force",))
+    peaks = rj.peak_responses(podiums, PULSE, options=options, sensitivities=names)
+    for name in ("least_axial_force", "peak_axial_force"):
+        peak = np.asarray(getattr(peaks, name))
+        expected = np.moveaxis((peak[1:4] - peak[4:]) / (2 * step), 0, -1)
+        size = np.abs(peak[0]).max()
+        np.testing.assert_allclose(getattr(peaks.sensitivities, name)[0], expected, atol=1e-6 * size)
+        assert np.abs(expected).min() > 1e-3 * size
+
+
 SCENES = {
     "everything": (EVERYTHING, rj.Ricker(3.6, 0.9), 0.7),
     "own heights": (OWN_HEIGHTS, rj.Ricker(2.6, 0.9), 0.5),

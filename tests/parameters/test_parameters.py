@@ -4,12 +4,14 @@ import dataclasses
 import inspect
 import math
 
+import jax
 import numpy as np
 import pytest
 
 import rockjax as rj
 from optimise._variables import Dimensions, make_variables
 from rockjax._parameters import registry, variants
+from rockjax._parameters.sensitivities import check_parameters, with_factors
 from rockjax._problem.models import ByDimensions, ByRatios, Elevation, Superstructure
 
 DEVICES = rj.Tendon(5.0, 100.0), rj.Damper(4.0, 0.5), rj.Inerter(8.0)
@@ -59,6 +61,61 @@ def test_damping_ratios_of_several_podiums_are_not_rows_of_modes():
     for values in (ratios, np.array([0.02, 0.03, 0.05])):
         top = variants.with_values(podium, {"story_damping": values}).superstructure
         np.testing.assert_array_equal(top.damping, values[:, None] * np.ones(2))
+
+
+TALL = rj.Podium(
+    0.15,
+    1.5,
+    10.0,
+    rj.ShearBuilding((3.0, 3.0, 2.0), (900.0, 700.0, 500.0), modes=2, heights=(4.0, 3.0, 3.5)),
+    elevation=rj.Elevation([-2.0, 2.0, 5.0], 0.5),
+)
+
+
+@pytest.mark.parametrize("split", [False, True])
+@pytest.mark.parametrize(
+    ("name", "changed"),
+    [
+        ("story_height_2", lambda f: heights_of((4.0, 3.0 * f, 3.5))),
+        ("story_heights", lambda f: heights_of((4.0 * f, 3.0 * f, 3.5 * f))),
+        ("positions", lambda f: TALL.replace(elevation=rj.Elevation([-2 * f, 2 * f, 5 * f], 0.5))),
+        ("position_3", lambda f: TALL.replace(elevation=rj.Elevation([-2.0, 2.0, 5 * f], 0.5))),
+        ("beam_depth", lambda f: TALL.replace(elevation=rj.Elevation([-2.0, 2.0, 5.0], 0.5 * f))),
+    ],
+)
+def test_factors_on_positions_and_heights(name, changed, split):
+    """Also in the form of compiled programs, in which rows are tuples of numbers."""
+    podium = TALL.split_rows() if split else TALL
+    found = with_factors(podium, [name], [np.array(1.25)]).resolved().elevation
+    expected = changed(1.25).resolved().elevation
+    for y, z in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+        np.testing.assert_allclose(y, z, rtol=1e-14)
+
+
+def heights_of(heights):
+    return TALL.replace(superstructure=dataclasses.replace(TALL.superstructure, heights=heights))
+
+
+def test_factors_on_several_heights_of_an_elevation():
+    podium = rj.Podium(
+        0.2, 1.5, 5.0, rj.Modes((3.0, 1.0), (0.5, 0.1)), elevation=rj.Elevation([0, 4], 0.5, [6, -2])
+    )
+    found = with_factors(podium, ["top_height"], [np.array(1.5)])
+    np.testing.assert_allclose(found.elevation.top_height, [9.0, -3.0])
+
+
+def test_names_of_positions_and_heights():
+    check_parameters("here", TALL, ("positions", "story_heights", "beam_depth"))
+    for names, message in (
+        (("positions", "position_2"), "positions and position_2, which cannot vary at the same time"),
+        (("story_heights", "story_height_1"), "story_heights and story_height_1, which cannot vary"),
+        (("top_height",), "must each be one of"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            check_parameters("here", TALL, names)
+    for name in ("positions", "story_heights", "story_height_1"):
+        with pytest.raises(ValueError, match="must each be one of"):
+            check_parameters("here", TALL.replace(elevation=None), (name,))
 
 
 def test_width_and_height_are_slenderness_and_size():

@@ -89,6 +89,8 @@ Numbers = Annotated[list[Number], Field(min_length=1), described_as("a list of n
 Positives = Annotated[list[Positive], Field(min_length=1), described_as("a list of numbers > 0")]
 NotNegatives = Annotated[list[NotNegative], Field(min_length=1), described_as("a list of numbers >= 0")]
 OneOrMore = Annotated[float | Numbers, described_as("a number or a list of numbers")]
+# A list or a number, as which an option of the command line reads this type.
+Heights = Annotated[Numbers | float, described_as("a number or a list of numbers")]
 Periods = Annotated[Positive | Positives, described_as("a number > 0 or a list of such numbers")]
 DampingRatios = Annotated[NotNegative | NotNegatives, described_as("a number >= 0 or a list of such numbers")]
 Share = Annotated[float, Field(gt=0, lt=1), described_as("a number in (0, 1)")]

@@ -17,13 +17,13 @@ from .fields import (
     STRUCTURE,
     Count,
     DampingRatios,
+    Heights,
     Index,
     Keys,
     NotNegative,
     NotNegatives,
     Number,
     Numbers,
-    OneOrMore,
     Positive,
     Positives,
     Text,
@@ -120,6 +120,7 @@ class Building(Keys):
 
 
 _COLUMNS = "Positions of the columns along the motion [m]; columns in a line across the motion: equal values."
+_DEPTH = "Depth of the beam [m]."
 _HEIGHTS = "Height of the superstructure above the beam [m]; a list for several modes or floors."
 _RESIDUAL = "Height of the residual mass of modes above the beam [m]."
 
@@ -128,8 +129,8 @@ class Elevation(Keys):
     """Positions of the columns and heights of the masses, as in `rockjax.Elevation`."""
 
     columns: Numbers = key(..., _COLUMNS)
-    beam_depth: NotNegative | None = key(None, "Depth of the beam [m].")
-    top_height: OneOrMore | None = key(None, _HEIGHTS)
+    beam_depth: NotNegative | None = key(None, _DEPTH)
+    top_height: Heights | None = key(None, _HEIGHTS)
     residual_height: Number | None = key(None, _RESIDUAL)
 
 
@@ -170,10 +171,9 @@ class ByDimensions(make_model(registry.DIMENSIONS | registry.BUILDING, "width", 
     story_stiffnesses: Positives | None = key(None, "Stiffnesses of the stories [N/m].")
     story_heights: Positives | None = key(None, "Heights of the stories [m].")
     modes: Index | None = key(None, "Number of modes in the analysis; by default all.")
-    positions: Numbers | None = key(None, _COLUMNS)
-    beam_depth: NotNegative | None = key(None, "Depth of the beam, with positions [m].")
-    top_height: OneOrMore | None = key(None, _HEIGHTS)
-    residual_height: Number | None = key(None, _RESIDUAL)
+    # The options of these keys also set the keys of `[structure.elevation]` in a structure by ratios.
+    positions: Numbers | None = key(None, _COLUMNS, STRUCTURE)
+    top_height: Heights | None = key(None, _HEIGHTS, STRUCTURE)
 
 
 def _structure_tag(given: Any) -> str:
