@@ -31,8 +31,10 @@ LOG_RATIO = 10.0  # a positive range is scaled logarithmically if highest/lowest
 
 
 def _row(values: Any, name: str) -> Any:
-    """Return dimensions of all stories or columns (a row) as an array (n,); None stays None."""
-    return None if values is None else as_float(values, f"Dimensions: {name}")
+    """Return dimensions of all stories or columns (a row) as an array (n,); None stays None, and a single
+    height `top_height` stays a number."""
+    is_unchanged = values is None or (name == "top_height" and np.ndim(values) == 0)
+    return values if is_unchanged else as_float(values, f"Dimensions: {name}")
 
 
 class Dimensions(Module):

@@ -1,4 +1,4 @@
-"""Warnings about values that suggest a unit error, such as dimensions in millimetres.
+"""Warnings about values that are hardly plausible, such as dimensions in millimetres.
 
 A warning states how rockjax understood the value. Traced values are not checked.
 """
@@ -11,7 +11,8 @@ from ._machine.environment import switched_off
 
 
 class PlausibilityWarning(UserWarning):
-    """Warning about a value that suggests a unit error. The message states how rockjax understood the value.
+    """Warning about a value that suggests a unit error, or about a restitution factor that is too small for
+    impacts between rigid faces. The message states how rockjax understood the value.
 
     `warnings.simplefilter("ignore", rockjax.PlausibilityWarning)`, or `ROCKJAX_PLAUSIBILITY=off` in the
     environment, silences all such warnings.

@@ -27,7 +27,7 @@ from rockjax._machine.threads import run_in_threads
 from rockjax._motions.convert import AnyMotions, as_batch
 from rockjax._options import Options, canonical_options
 from rockjax._parameters.variants import attribute_path_of, is_of_elevation
-from rockjax._responses.arguments import check_range, check_types
+from rockjax._responses.arguments import check_range, check_types, warn_of_small_restitution
 from rockjax._responses.estimate import errors, second_options
 from rockjax._responses.on_floors import SecondarySystems, as_systems
 from rockjax._responses.peak import Peak, peak_fields
@@ -120,6 +120,7 @@ def peak_responses(
         on_floors,
     )
     warn_of_failures(peaks, stacklevel=3)
+    warn_of_small_restitution(podiums, stacklevel=3)
     return peaks
 
 

@@ -41,7 +41,7 @@ from rockjax._options import Options
 from rockjax._parameters.variants import pulse_acceleration
 from rockjax._programs.derivatives import directional_derivative, is_concrete, scalar_positions, value_of
 from rockjax._programs.program import StoredProgram
-from rockjax._responses.arguments import check_range, check_types
+from rockjax._responses.arguments import check_range, check_types, warn_of_small_restitution
 from rockjax._results import REST
 from rockjax._structures import Podium
 from rockjax._tree import Module
@@ -223,6 +223,7 @@ def overturning_boundary(
     """
     owner = "overturning_boundary"
     check_types(owner, podium, options)
+    warn_of_small_restitution(podium, stacklevel=3)
     podium = podium.split_rows().without_idle_restrainers().without_elevation()
     excitation = as_excitation(owner, excitation)
     check_range(owner, podium, excitation, None, options)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rockjax._problem import models
 
-from ._joints import joint_warnings
+from ._joints import check_restitution_by_line, joint_warnings
 from ._options import Output, accuracy_options, options_of, structure_options
 from ._outputs import parse_outputs
 from ._request import Request
@@ -35,6 +35,7 @@ def design(request: Request, console: Console, output: Output = "rockjax-design"
     if request.path is None:
         raise ValueError("rockjax design needs a problem file (TOML), or --example column")
     files = parse_outputs(output, "rockjax-design").check(("convergence", "response"), ".json")
+    check_restitution_by_line()
     problem = optimise.problem_of(request.tables, request.path, request.reader.set_by_options)
     best, written, interrupt = optimise.design_command(problem, files.prefix, console.quiet, files.format)
     console.say(str(best))

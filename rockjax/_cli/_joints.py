@@ -8,6 +8,7 @@ Each column has two joints, with the ground and with the beam. docs/forces.md de
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -25,9 +26,16 @@ LIFT_OFF, FRICTION = "whether the beam stays on all columns", "friction in the j
 ROUNDING = 1e-9  # allowed rounding error of `Podium.impact_eccentricity` [–]
 
 
+def check_restitution_by_line() -> None:
+    """Suppress the Python warning about a small restitution factor, because the command prints the lines of
+    `joint_warnings`."""
+    warnings.filterwarnings("ignore", "restitution factor too small")
+
+
 def request_joints(podium: rj.Podium, options: rj.Options) -> rj.Options:
     """Return the options. If the podium has an elevation (positions of columns, heights of masses), the
-    outputs `OUTPUTS` are added."""
+    outputs `OUTPUTS` are added. Also calls `check_restitution_by_line`."""
+    check_restitution_by_line()
     if podium.elevation is None:
         return options
     return options.replace(outputs=tuple(dict.fromkeys((*options.outputs, *OUTPUTS))))

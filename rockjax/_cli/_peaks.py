@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from rockjax._problem import models
 
-from ._joints import joint_warnings
+from ._joints import check_restitution_by_line, joint_warnings
 from ._options import PULSE_DEFAULTS, SINGLE_DEFAULTS, Output, accuracy_options, options_of, structure_options
 from ._outputs import SINGLE_PICTURE, parse_outputs
 from ._request import Request
@@ -58,6 +58,7 @@ def peaks(request: Request, console: Console, output: Output = "rockjax-peaks") 
     for name in options.outputs:
         if isinstance(name, str) and name in REGISTRY and not REGISTRY[name].applies(podium):
             raise ValueError(f"peaks.outputs: this structure has no {name}; leave it out")
+    check_restitution_by_line()
     has_picture = any(variable.until_overturning for variable, _ in variables_of(options.outputs).values())
     files.check(SINGLE_PICTURE if has_picture else ())
     with console.progress(len(labels), "motions") as bar:

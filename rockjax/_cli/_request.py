@@ -229,7 +229,7 @@ class Request:
     def podium(self) -> rj.Podium:
         """Return the structure. Also sets `MASSES`, the attributes of output files. Raises `ValueError` for
         several heights of a superstructure with a single mass."""
-        podium = self._podium()
+        podium: Any = self._podium()
         top, elevation = podium.superstructure, podium.elevation
         if elevation is not None and elevation.top_height.ndim and getattr(top, "height_count", None) is None:
             self.reader.fail(

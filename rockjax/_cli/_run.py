@@ -217,7 +217,7 @@ def _run_and_exit(console: Console, call: Callable[[], None]) -> None:
 
     with warnings.catch_warnings():
         warnings.filterwarnings("always", category=RuntimeWarning, module="rockjax")
-        warnings.filterwarnings("always", category=PlausibilityWarning)
+        warnings.filterwarnings("default", category=PlausibilityWarning)
         warnings.showwarning = _show_warning
         try:
             call()

@@ -11,13 +11,24 @@ import jax
 import numpy as np
 from jaxtyping import Array
 
-from rockjax._checks import as_float, check_dtype, concrete, float_type, require, require_instance
+from rockjax._checks import (
+    array_module,
+    as_float,
+    check_dtype,
+    concrete,
+    float_type,
+    require,
+    require_instance,
+)
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.pulses import AbstractPulse
 from rockjax._options import Options
+from rockjax._restrainers.combined import apparent_mass
 from rockjax._results import REST, State
 from rockjax._structures import STANDARD_GRAVITY, Podium
+from rockjax._structures.impulses import impulse_eccentricity
 from rockjax._structures.modes import repeat_scalar, split_row, with_fields
+from rockjax._structures.restitution import CompatibleRestitution, GivenRestitution
 from rockjax._unit_warnings import warn_about_units
 
 
@@ -167,3 +178,36 @@ def warn_of_amplitude_in_g(owner: str, podium: Podium, excitation: AbstractExcit
             f"a_p = {float(amplitude):g} * {STANDARD_GRAVITY}",
             stacklevel=4,
         )
+
+
+ROUNDING = 1e-9  # allowed rounding error of the eccentricity ξ_J
+
+
+def warn_of_small_restitution(podium: Podium, stacklevel: int) -> None:
+    """Warn of given restitution factors below that of rigid faces, (C13) of docs/equations.md.
+
+    At an impact, the edges about which the columns rotated before would need tension: ξ_J > 1, (F13). Podiums
+    with traced values are not checked.
+
+    - `podium`: a structure, or a batch of structures
+    - `stacklevel`: stack level as in `warnings.warn`, counted from this function
+    """
+    if not isinstance(podium.restitution, GivenRestitution) or array_module(podium) is not np:
+        return
+    mu = apparent_mass(podium.restrainers)
+    given = podium.restitution.e, podium.alpha, *podium.mass_ratios, podium.lam, 0.0 if mu is None else mu
+    e, alpha, *masses = np.broadcast_arrays(*map(np.asarray, given))
+    sin2 = np.sin(alpha) ** 2
+    eccentricity = impulse_eccentricity(sin2, *masses, e)
+    is_small = eccentricity > 1 + ROUNDING
+    if not np.any(is_small):
+        return
+    worst = np.unravel_index(np.argmax(np.where(is_small, eccentricity, 0.0)), e.shape)
+    where = f" in {int(is_small.sum())} of {e.size} structures; the worst" if e.size > 1 else ""
+    least = CompatibleRestitution().factor(sin2, *masses)[worst]
+    warn_about_units(
+        f"restitution factor too small for rigid faces{where}: e = {e[worst]:.4g} < {least:.4g}, so the old "
+        f"edges would need tension at an impact (impact_eccentricity = {eccentricity[worst]:.3g} > 1); give "
+        "restitution='compatible' or a larger factor, unless the faces deform",
+        stacklevel,
+    )

@@ -22,7 +22,14 @@ from rockjax._programs.program import nans_allowed
 from rockjax._results import REST, State
 from rockjax._structures import Podium
 
-from .arguments import as_end, as_start, check_range, check_types, warn_of_amplitude_in_g
+from .arguments import (
+    as_end,
+    as_start,
+    check_range,
+    check_types,
+    warn_of_amplitude_in_g,
+    warn_of_small_restitution,
+)
 from .estimate import Errors, errors, second_options
 from .on_floors import SecondarySystems, answers_on_floors
 from .peak import Peak, peak_fields
@@ -173,4 +180,5 @@ def _arguments(owner: str, podium, excitation, initial, t_end, options):
     check_range(owner, podium, excitation, t_end, options)
     check_weight(owner, excitation, podium.g)
     warn_of_amplitude_in_g(owner, podium, excitation)
+    warn_of_small_restitution(podium, stacklevel=4)
     return podium, excitation, initial, t_end, options

@@ -29,7 +29,7 @@ from rockjax._options import Options
 from rockjax._parameters.registry import variable_attributes
 from rockjax._parameters.sensitivities import check_parameters
 from rockjax._parameters.variants import pulse_period
-from rockjax._responses.arguments import check_single, check_types
+from rockjax._responses.arguments import check_single, check_types, warn_of_small_restitution
 from rockjax._responses.datasets import derived_numbers, describe
 from rockjax._structures import Podium
 
@@ -84,6 +84,7 @@ def overturning_spectrum(
     """
     owner = "overturning_spectrum"
     check_types(owner, podium, options)
+    warn_of_small_restitution(podium, stacklevel=3)
     pulse = as_pulse(owner, pulse)
     x = np.asarray(as_float(frequency_ratio, f"{owner}: frequency_ratio"))
     if x.ndim != 1 or x.size == 0:

@@ -25,7 +25,7 @@ from rockjax._options import Options
 from rockjax._outputs.base import JOINTS
 from rockjax._parameters.registry import variable_attributes
 from rockjax._parameters.variants import pulse_period
-from rockjax._responses.arguments import check_types
+from rockjax._responses.arguments import check_types, warn_of_small_restitution
 from rockjax._responses.datasets import derived_numbers, describe
 from rockjax._responses.peak import Peak, data_variables, parameter_axis
 from rockjax._responses.sensitivities import check_sensitivities
@@ -142,6 +142,7 @@ def _spectra(
     """Compute the spectra of `rocking_spectra`. `owner` is the name of the calling function, for messages."""
     for podium in podiums:
         check_types(owner, podium, options)
+        warn_of_small_restitution(podium, stacklevel=4)
     pulse = as_pulse(owner, pulse)
     axes = _axes(owner, frequency_ratio, acceleration_ratio)
     if any(jnp.ndim(y) for y in jax.tree.leaves([podium.split_rows() for podium in podiums])):

@@ -20,7 +20,7 @@ from rockjax._motions.convert import as_batch
 from rockjax._options import Options
 from rockjax._outputs.base import AbstractOutput
 from rockjax._parameters.registry import variable_attributes
-from rockjax._responses.arguments import as_end, as_start, check_range, check_types
+from rockjax._responses.arguments import as_end, as_start, check_range, check_types, warn_of_small_restitution
 from rockjax._responses.datasets import describe_versions
 from rockjax._responses.sensitivities import check_sensitivities
 
@@ -138,6 +138,7 @@ def make_spec(
     require_instance("sweep", "options", options, Options, "rockjax.Options")
     options = options if outputs is None else options.replace(outputs=outputs)
     check_types("sweep", structures, options, "structures")
+    warn_of_small_restitution(structures, stacklevel=4)
     excitations = as_batch("sweep", excitations)
     check_range("sweep", structures, excitations, t_end, options)
     if options.engine != "flat":
