@@ -30,7 +30,8 @@ def on_files(files: Files, *, config: MkDocsConfig) -> Files:
 
 
 def parameters_table() -> str:
-    """Return the table of all parameters of structures, dimensions and ground motions."""
+    """Return the table of all parameters of structures, dimensions and ground motions. Parameters with one
+    value for each mode, story or column have numbered names."""
     lines = ["| name | symbol | unit | range | meaning |", "|---|---|---|---|---|"]
     of_structure = registry.STRUCTURE | registry.DIMENSIONS
     for name, y in [
@@ -39,6 +40,9 @@ def parameters_table() -> str:
         *registry.INITIAL.items(),
     ]:
         lines.append(f"| `{name}` | {y.symbol} | {displayed(y.unit)} | {y.range.text} | {y.meaning} |")
+    for name, y in registry.ROWS.items():
+        cells = f"{displayed(y.unit)} | {y.range.text} | {y.meaning} 1, …"
+        lines.append(f"| `{name}_1`, … | {y.symbol} | {cells} |")
     return "\n".join(lines)
 
 
