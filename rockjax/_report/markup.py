@@ -27,6 +27,7 @@ from .tables import (
     format_error,
     format_number,
     format_series,
+    plain,
     with_unit,
 )
 from .units import Units
@@ -34,6 +35,7 @@ from .units import Units
 # Tone of a text (its colour, see `tables.Tone`) → class of page.css.
 CLASSES: Final[dict[Tone, str]] = {"plain": "", "good": "good", "bad": "bad", "unverified": "unverified"}
 _FORBIDDEN = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\ufffe\uffff\ud800-\udfff]")
+SHORT_NAME = 16  # headings of rows with at most this number of characters stay on one line
 # Start of the element around a table. On narrow screens the element scrolls sideways.
 SCROLL_BOX_START = Markup(
     '<div class="scroll" tabindex="0" role="group" aria-label="table, scrolls sideways">'
@@ -118,9 +120,11 @@ def table(content: Table, units: Units) -> Markup:
     ]
     headings = Markup("").join(
         Markup('<th scope="col"{}>{}{}</th>').format(
-            _alignment(is_right_aligned), safe(column_heading(column, units)), second_line(column.note, units)
+            _alignment(is_number[k] and k > 0),
+            safe(column_heading(column, units)),
+            second_line(column.note, units),
         )
-        for column, is_right_aligned in zip(content.columns, is_number, strict=True)
+        for k, column in enumerate(content.columns)
     )
     rows = Markup("\n").join(_row(content, index, is_number, units) for index in range(len(content.rows)))
     return Markup("<table><caption>{}</caption><thead><tr>{}</tr></thead><tbody>{}</tbody></table>").format(
@@ -142,7 +146,9 @@ def _row(content: Table, index: int, is_number: list[bool], units: Units) -> Mar
 def _cell(cell: Cell, column: Column, k: int, is_number: bool, units: Units) -> Markup:
     shown_value = value(cell, units, shows_unit=column.kind is None)
     if k == 0 and not isinstance(cell, Formula):
-        return Markup('<th scope="row">{}</th>').format(shown_value)
+        is_short = isinstance(cell, TextCell) and len(plain(cell.text, units)) <= SHORT_NAME
+        attributes = Markup(' class="nb"' if is_short else "")
+        return Markup('<th scope="row"{}>{}</th>').format(attributes, shown_value)
     attributes = Markup(' class="eq"') if isinstance(cell, Formula) else _alignment(is_number)
     return Markup("<td{}>{}</td>").format(attributes, shown_value)
 

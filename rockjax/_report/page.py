@@ -58,6 +58,7 @@ def render(page: Page, units: Units) -> str:
         scroll_box_start=markup.SCROLL_BOX_START,
         formula=markup.formula,
         kind_of=lambda block: type(block).__name__,
+        breakable=lambda content: Markup(content.replace("_", Markup("_<wbr>"))),
         **in_units,
     )
 

@@ -44,6 +44,7 @@ _REMOVED_ELEMENTS = re.compile(
 _FONT_FAMILY = re.compile(r"font-family: [^;\"]*")
 _ID_OR_REFERENCE = re.compile(r'(\bid="|url\(#|\bxlink:href="#)')
 _COLOUR = re.compile(r"\b(fill|stroke): (#[0-9a-f]{6})(?:; \1-opacity: ([0-9.]+))?")
+LARGEST_SCALE = 1.45  # pixels per point of the largest picture on a page, so that texts have a common size
 _DECIMALS = {"m": 2, "cm": 1, "mm": 0}  # unit → decimals of dimensions in drawings
 _MARKED_FLOORS = 12  # up to this number of floors, each floor is marked with its mass
 
@@ -81,10 +82,11 @@ def to_svg(figure: Figure, prefix: str, title: str, description: str) -> str:
     content = _FONT_FAMILY.sub("font-family: var(--sans)", content)
     content = _COLOUR.sub(_apply_theme, content)
     content = re.sub(r'\bd="[^"]*"', _round_coordinates, content)
+    width = LARGEST_SCALE * float(match[1].split()[2])
     head = (
         f'<svg role="img" aria-labelledby="{prefix}-title {prefix}-desc" viewBox="{match[1]}" '
         'xmlns="http://www.w3.org/2000/svg" fill="currentColor" '
-        'style="stroke-linejoin:round;stroke-linecap:butt">'
+        f'style="stroke-linejoin:round;stroke-linecap:butt;max-width:{width:.0f}px">'
         f'<title id="{prefix}-title">{escape(title)}</title>'
         f'<desc id="{prefix}-desc">{escape(description)}</desc>'
     )
@@ -211,11 +213,11 @@ def _draw_structure(
         x = left - 1.6 * gap
         _draw_dimension(ax, (x, start), (x, end), text, is_short=end - start < 1.5 * gap)
     if has_heights and depth:
-        _draw_dimension(ax, (left - 4.2 * gap, 0), (left - 4.2 * gap, top), length_text(top))
+        _draw_dimension(ax, (left - 5.8 * gap, 0), (left - 5.8 * gap, top), length_text(top))
     if has_positions:
         for start, end in itertools.pairwise(positions):
             _draw_dimension(ax, (start, -2 * gap), (end, -2 * gap), length_text(end - start))
-    ax.set(aspect="equal", xlim=(left - 5.6 * gap, right + 5.5 * gap), ylim=(-3.8 * gap, top + gap))
+    ax.set(aspect="equal", xlim=(left - 7.2 * gap, right + 5.5 * gap), ylim=(-3.8 * gap, top + gap))
 
 
 def _column_positions(

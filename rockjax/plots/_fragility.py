@@ -106,7 +106,7 @@ def fragility(
 
     Crosses mark the least overturning intensity of each record. Circles mark the fraction of records that
     overturn the columns at each level of intensity. If the curve has a limit state in addition to
-    overturning, records beyond this limit count as overturning.
+    overturning, records beyond this limit count as overturning; the vertical axis names the limit state.
     """
     assert ax is not None
     x = dataset["at"].values
@@ -119,11 +119,14 @@ def fragility(
         confidence = dataset.attrs.get("confidence")
         curve_label += ", with its band" if confidence is None else f", with its {confidence:.0%} band"
     ax.plot(x, dataset["probability"], color=colour, label=curve_label)
+    label, word = _failure_label(dataset), "overturning"
+    if label != "probability of overturning":
+        word = "failure"
     values = dataset["capacity"].values
     capacity = np.sort(values[np.isfinite(values)])
     # Crosses lie at the mid-heights of the steps of the empirical distribution.
     fraction = (np.arange(capacity.size) + 0.5) / values.size
-    ax.plot(capacity, fraction, "x", ms=5, color=colour, label="first overturning of the records")
+    ax.plot(capacity, fraction, "x", ms=5, color=colour, label=f"first {word} of the records")
     observed, levels = dataset["observed"].values, dataset["intensity"].values
     ax.plot(
         levels,
@@ -132,17 +135,25 @@ def fragility(
         ms=4,
         mfc="none",
         color=colour,
-        label=_describe_fractions(capacity, values.size, levels, observed),
+        label=_describe_fractions(capacity, values.size, levels, observed, word),
     )
     ax.set(
         xlabel=_with_unit(dataset.attrs["measure"], dataset["at"].attrs["units"]),
-        ylabel="probability of overturning",
+        ylabel=label,
         xlim=(0, x[-1]),
         ylim=(-0.02, 1.02),
     )
     ax.grid(alpha=0.3)
     _legend(ax)
     return ax
+
+
+def _failure_label(dataset: xarray.Dataset) -> str:
+    """Return the label of the vertical axis of a fragility curve, which names the limit state."""
+    ratio = float(dataset.attrs.get("overturn_ratio", 1.0))
+    event = "overturning" if ratio == 1 else f"|θ|/α ≥ {ratio:g}"
+    limit = dataset.attrs.get("limit_state")
+    return f"probability of {event}" + (f"\nor {limit}" if limit else "")
 
 
 @styled
@@ -195,8 +206,10 @@ def _state_label(state: float, dataset: xarray.Dataset) -> str:
     return rf"$|\varphi|$ reaches {multiple}$\alpha_c$"
 
 
-def _describe_fractions(capacity: np.ndarray, records: int, levels: np.ndarray, observed: np.ndarray) -> str:
-    """Return the legend entry of the fractions of records that overturn at the levels of intensity.
+def _describe_fractions(
+    capacity: np.ndarray, records: int, levels: np.ndarray, observed: np.ndarray, word: str
+) -> str:
+    """Return the legend entry of the fractions of records that overturn or fail at the levels of intensity.
 
     At some levels, the fraction may be lower than the fraction of records whose least overturning intensity
     is at most the level. Then the entry gives the reason.
@@ -204,13 +217,12 @@ def _describe_fractions(capacity: np.ndarray, records: int, levels: np.ndarray, 
     - `capacity`: least overturning intensities, ascending
     - `records`: number of records
     - `levels`, `observed`: levels of intensity, and the fractions of records that overturn at these levels
+    - `word`: "overturning" or "failure"
     """
     fractions = np.searchsorted(capacity, levels, side="right") / records
     if np.all(observed >= fractions - 1e-9):
-        return "share overturned at a level"
-    return (
-        "share overturned at a level, lower because\nsome records survive again above their first overturning"
-    )
+        return f"share with {word} at a level"
+    return f"share with {word} at a level, lower because\nsome records survive again above their first {word}"
 
 
 def _legend(ax: Axes) -> None:

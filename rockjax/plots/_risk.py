@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from rockjax._responses.simulate import simulate
+from rockjax._risk.annual import MIN_EXTRAPOLATED
 from rockjax._units import displayed
 
 from ._response import response
@@ -50,7 +51,10 @@ def risk(dataset: xarray.Dataset) -> Figure:
     axes[2].set(ylabel="contribution per unit\nof ln(intensity) [–]", ylim=(0, None))
     frequency = dataset.attrs["frequency_per_year"]
     years = float(f"{1 / frequency:.3g}")
-    axes[2].set_title(rf"$\lambda_f$ = {frequency:.3g} per year, once in {years:g} years", loc="left")
+    beyond = dataset.attrs.get("extrapolated", 0.0)
+    note = f",\n{beyond:.0%} of it from beyond the given points" if beyond > MIN_EXTRAPOLATED else ""
+    title = rf"$\lambda_f$ = {frequency:.3g} per year, once in {years:g} years{note}"
+    axes[2].set_title(title, loc="left")
     axes[2].set(xlabel=f"{dataset.attrs['measure']} [{displayed(unit)}]", xlim=(0.5 * low, 2 * high))
     label_log_x(axes[2])
     for ax in axes:

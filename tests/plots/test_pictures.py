@@ -277,6 +277,30 @@ def test_a_fragility_names_its_band_and_says_why_stripes_lie_under_it():
 
 
 @pytest.mark.parametrize(
+    ("attrs", "label"),
+    [
+        ({}, "probability of overturning"),
+        ({"overturn_ratio": 0.4}, "probability of |θ|/α ≥ 0.4"),
+        ({"limit_state": "peak_friction > 0.3"}, "probability of overturning\nor peak_friction > 0.3"),
+    ],
+)
+def test_a_fragility_names_its_limit_state(attrs, label):
+    _, curve = analysis()
+    ax = plots.fragility(curve.assign_attrs(attrs))
+    assert ax.get_ylabel() == label
+    assert ("first failure of the records" in texts(ax.figure)) == bool(attrs)
+
+
+def test_a_risk_states_the_share_from_beyond_the_hazard_curve():
+    hazard = rj.Hazard([1.0, 3.0, 6.0], [0.02, 0.002, 0.0004], measure="PGA", units="m s-2")
+    data = rj.disaggregation(rj.Lognormal(8.0, 0.4), hazard)
+    share = data.attrs["extrapolated"]
+    assert share > 0.5
+    title = plots.risk(data).axes[2].get_title(loc="left")
+    assert f"{share:.0%} of it from beyond the given points" in title
+
+
+@pytest.mark.parametrize(
     ("ratios", "labels"),
     [
         ([1.0, 1.0], ["rocks", r"$|\varphi|$ reaches 0.5 $\alpha_c$", "overturns"]),

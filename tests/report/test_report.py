@@ -1,6 +1,7 @@
 """Reports of a rigid podium: values compared with functions of the package, files, texts."""
 
 import dataclasses
+import html
 import json
 import math
 import re
@@ -17,8 +18,11 @@ import rockjax as rj
 from rockjax._cli._report import _without_folder
 from rockjax._files import write_dataset
 from rockjax._problem.reading import load_table
-from rockjax._report.blocks import Equations
+from rockjax._report import markup
+from rockjax._report.blocks import Equations, Figure, Section
+from rockjax._report.kinds import KINDS
 from rockjax._report.reading import problem_of
+from rockjax._report.sections import rocking
 from rockjax._report.sections.common import details
 from rockjax._report.store import Store
 from rockjax._report.tables import Quantity, plain_cell
@@ -194,9 +198,8 @@ def equations_of(report, number):
 def inserted(text):
     """Return the value of numbers that are inserted in an equation, without words and units."""
     parts = [f"({part.value!r})" if isinstance(part, Quantity) else part for part in text]
-    plain = re.sub(r"\((?:law|prestress).*$", "", "".join(parts))
-    plain = re.sub(r"√(\((?:[^()]|\([^()]*\))*\))", r"sqrt\1", plain)
-    for mark, code in (("²", "**2"), ("·", "*"), ("−", "-"), ("[", "("), ("]", ")")):
+    plain = re.sub(r"\(prestress.*$", "", "".join(parts))
+    for mark, code in (("√", "sqrt"), ("²", "**2"), ("·", "*"), ("−", "-"), ("[", "("), ("]", ")")):
         plain = plain.replace(mark, code)
     return eval(plain, {"sqrt": math.sqrt})
 
@@ -500,6 +503,70 @@ def test_ctrl_c_at_ten_moments(tmp_path, report, monkeypatch):
     assert last.evaluation.scenes.store.computed == 1
     assert last.html == report.html
     assert not (tmp_path / "page.partial.nc").exists()
+
+
+def test_ctrl_c_while_the_page_is_made_keeps_the_old_one(folder, tmp_path, report, monkeypatch):
+    """Neither the page nor its numbers are replaced, wherever the interruption comes."""
+    for name in ("problem.toml", "page.nc"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    names = "page.html", "page.json"
+    for name in names:
+        (tmp_path / name).write_text("old", encoding="utf-8")
+
+    def interrupt(*arguments, **options):
+        raise KeyboardInterrupt
+
+    places = (Section, "__post_init__"), (Figure, "__post_init__"), (markup, "table")
+    for owner, attribute in places:
+        with monkeypatch.context() as patch:
+            patch.setattr(owner, attribute, interrupt)
+            with pytest.raises(KeyboardInterrupt):
+                rj.report(tmp_path / "problem.toml", tmp_path / "page.html")
+        assert [(tmp_path / name).read_text(encoding="utf-8") for name in names] == ["old", "old"], attribute
+
+
+def test_hostile_texts_of_a_problem_stay_texts(browser, folder, tmp_path, report):
+    """Texts of every table of a file are shown as they are, and fit on a phone."""
+    script, braces = "<script>alert(1)</script>", "{{ 7 * 7 }}"
+    texts = {"title": script + "x" * 400, "subject": braces, "author": "=1+1", "revision": "$x_{"}
+    project = "".join(f"{key} = {json.dumps(text)}\n" for key, text in texts.items())
+    file = FILE.replace("[report]\n", f"[report]\nmotions = {{ pulses = {json.dumps(script)} }}\n")
+    names = f"name = {json.dumps('n' * 400)}\nclause = {json.dumps(braces + script)}\n"
+    file = file.replace("[[checks]]\n", f"[[checks]]\nid = {json.dumps(script)}\n{names}", 1)
+    path = tmp_path / "problem.toml"
+    path.write_text(
+        f'[project]\n{project}[sources]\n"structure.width" = "{braces}"\n{file}', encoding="utf-8"
+    )
+    (tmp_path / "page.nc").write_bytes((folder / "page.nc").read_bytes())
+    made = rj.report(path, tmp_path / "page.html", skip=("methods",))
+    assert "<script" not in made.html
+    assert not {y.id for y in made.evaluation.checks} - {script, "C2", "C3", "C4", "C5", "C6", "C7"}
+    assert all(made.html.count(html.escape(text)) for text in (*texts.values(), "n" * 400))
+    assert_shown(browser, tmp_path / "page.html", 390, "light")
+
+
+def test_rotation_under_multiples_of_a_motion_is_drawn(report, monkeypatch):
+    """Section 4 draws the governing motion multiplied by 32 factors, with the answers of the package."""
+    evaluation = report.evaluation
+    check = dataclasses.replace(
+        evaluation.checks[0],
+        entry=dataclasses.replace(evaluation.checks[0].entry, limit=1.5),
+        kind=KINDS["overturning-scale"],
+    )
+    evaluation = dataclasses.replace(evaluation, checks=(check,))
+    windows = {"factor": 1.8, "survives_from": np.nan, "overturns_again_from": np.nan, "end": 10.0}
+    windows |= {"window_end": 3.6, "is_open": False}
+    data = xarray.Dataset({name: ("motion", [y, y]) for name, y in windows.items()})
+    monkeypatch.setattr(rocking, "least_factors", lambda *arguments: data)
+    figure = rocking._factors(evaluation, "pulses", 1)
+    assert figure.description.endswith("; the least factor that overturns the columns is 1.8.")
+    assert "limit of C1" in figure.svg
+    drawn, factors = evaluation.scenes.store.data["factors.pulses.1"], np.linspace(0, 2.7, 33)[1:]
+    problem = evaluation.problem
+    pulses = [problem.motions["pulses"].members[1].scaled(y) for y in factors]
+    expected = rj.peak_responses(problem.podium, pulses, options=problem.options)
+    np.testing.assert_allclose(drawn["peak_rotation"], expected.peak_rotation, rtol=1e-6, atol=1e-9)
+    assert 0 < drawn["overturned"].sum() < 32
 
 
 def test_damaged_store_is_ignored(folder, report):

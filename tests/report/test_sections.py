@@ -1,6 +1,7 @@
 """Cells and formulas of sections, from made-up motions, windows, histories and results."""
 
 import dataclasses
+import html
 import os
 import signal
 from pathlib import Path
@@ -15,6 +16,7 @@ from rockjax._practice.registry import METHODS
 from rockjax._problem.reading import Reader
 from rockjax._report import formulas
 from rockjax._report.assemble import _unused_keys
+from rockjax._report.blocks import Figure, Pair
 from rockjax._report.evaluation import Check
 from rockjax._report.kinds import KINDS
 from rockjax._report.plausibility import warnings_of
@@ -22,9 +24,10 @@ from rockjax._report.problem import MotionSet
 from rockjax._report.report import _write_both
 from rockjax._report.sections import assumptions, influences, instants, methods, motions, rocking, summary
 from rockjax._report.sections.accuracy import open_energy
-from rockjax._report.sections.common import column_offsets
+from rockjax._report.sections.common import column_offsets, in_page_units, in_pairs, stored_figure
 from rockjax._report.sections.force_equations import contact_area, in_weights, total_weight
 from rockjax._report.sections.structure import column_count
+from rockjax._report.store import Store
 from rockjax._report.tables import plain
 from rockjax._report.units import Units
 
@@ -59,21 +62,113 @@ def test_motions_have_whole_hashes_and_vertical_components():
     assert [len(row[1].text[0].text) for row in table.rows] == [64, 64]
     assert len(table.rows[0][2].text[0].text) == 64
     assert table.rows[1][2].state == "none"
-    cells = motions._cells(member, 2.0, None)
+    cells = motions._cells(member, 2.0, None, True)
     assert (cells[2].value, cells[7].value) == (1.0, 0.5)
 
 
 def test_narrow_windows_of_overturning_are_shown():
     values = {"factor": [1.0214, np.inf], "survives_from": [1.02182, np.nan]}
-    values |= {"overturns_again_from": [np.nan, np.nan], "end": [10.0, 5.0], "window_end": [2.0428, np.nan]}
+    values |= {"overturns_again_from": [np.nan, np.nan], "end": [0.5, 5.0], "window_end": [2.0428, np.nan]}
+    values["is_open"] = [True, False]
     windows = xarray.Dataset({name: ("motion", y) for name, y in values.items()})
     factor, width, survives, again = rocking._window_cells(windows, 0)
     assert width.value == pytest.approx(0.00042 / 1.0214)
     assert width.kind == "ratio"
     assert factor.is_input  # six digits
+    assert factor.note == "or less: known up to 0.5 only"  # scenes at lower factors did not finish
     assert survives.is_input
     assert again.text == "none up to 2.04"
     assert [cell.text for cell in rocking._window_cells(windows, 1)] == ["none up to 5", *["none"] * 3]
+
+
+def test_pulses_have_intensity_measures():
+    """PGV and PGD of a Ricker pulse a_p (1 − 2x) exp(−x), x = (πt/T)², are those of its integrals
+    a_p t exp(−x) and −a_p T²/(2π²) exp(−x). An oscillator of a short period moves with the ground."""
+    a_p, T = 2.0, 1.5
+    *_, pga, pgv, pgd, spectral, ratio, _ = motions._cells(rj.Ricker(a_p, T), 4.0, 0.01, False)
+    assert pga.value == pytest.approx(a_p, rel=1e-12)
+    assert pgv.value == pytest.approx(a_p * T / (np.pi * np.sqrt(2 * np.e)), rel=1e-5)
+    assert pgd.value == pytest.approx(a_p * T**2 / (2 * np.pi**2), rel=1e-5)
+    assert spectral.value == pytest.approx(a_p, rel=1e-3)
+    assert ratio.value == pytest.approx(0.5)
+
+
+def test_spectra_of_pulses_and_records_are_drawn():
+    members = rj.Ricker(2.0, 1.5), record()
+    of_set = MotionSet("design", "475 years", members, ("a $pulse", "b" * 400))
+    figure = motions._draw_spectra(of_set, 5.0, 0, Units.parse("g"))
+    assert "T₁ = 5 s" in figure.svg
+    assert "a $pulse" in figure.svg
+    assert "S_a [g]" in figure.svg
+    values = [rj.intensity_measures(motions.as_record(y), periods=[5.0])["Sa"].item() for y in members]
+    assert figure.description.endswith(f"the mean at T_1 = 5 s is {np.mean(values) / 9.80665:.4g}\xa0g.")
+    assert "a $pulse, with the largest rotation" in figure.caption
+
+
+def test_a_picture_that_cannot_be_drawn_is_a_note():
+    evaluation = SimpleNamespace(scenes=SimpleNamespace(store=Store()))
+
+    def fail():
+        raise ValueError("no axes")
+
+    note = stored_figure(evaluation, "history", 1, fail)
+    assert plain(note.text, Units.si()) == "The picture history is missing: ValueError: no axes"
+    figure = Figure("<svg>", "caption", "title", "description")
+    assert in_pairs([figure, figure, note, figure]) == [Pair(figure, figure), note, figure]
+
+
+def made_windows(**changes):
+    values = {"factor": 1.0214, "survives_from": 1.02182, "overturns_again_from": np.nan}
+    return xarray.Dataset(values | {"end": 10.0, "window_end": 2.0428, "is_open": False} | changes)
+
+
+def test_factors_on_the_governing_motion_are_drawn():
+    """The picture has a point for each scene that survives, and counts those that did not finish."""
+    peaks = xarray.Dataset(
+        {
+            "peak_rotation": ("motion", [0.1, 0.4, 1.0, 0.0]),
+            "overturned": ("motion", [False, False, True, False]),
+            "result": ("motion", [0, 0, 1, 6]),
+        }
+    )
+    data = rocking._analysis_of_factors(peaks, np.array([0.4, 0.8, 1.2, 1.6]), made_windows(), 1.0)
+    np.testing.assert_array_equal(data["boundaries"].values, [[1.0214, 1.02182, np.nan]])
+    lines = {1.0: "as given", 1.5: "limit of C4 $x_y"}
+    figure = rocking._draw_analysis(data, "factors", "title", "description", "caption", lines)
+    texts = html.unescape(figure.svg)
+    assert all(text in texts for text in ("as given", "limit of C4 $x_y", "boundaries of survival windows"))
+    assert "left out: 1 of 4 scenes, which did not finish" in texts
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({}, "the least factor that overturns the columns is 1.0214; they survive again from 1.02182"),
+        (
+            {"is_open": True, "end": 0.5, "survives_from": np.nan},
+            "the least factor that overturns the columns is 1.0214, or less, because scenes above 0.5 did "
+            "not finish",
+        ),
+        ({"factor": np.inf, "survives_from": np.nan}, "no factor up to 10 overturns the columns"),
+    ],
+)
+def test_the_picture_of_factors_names_the_least_one(changes, text):
+    assert rocking._windows_text(made_windows(**changes)) == text
+
+
+def test_pictures_have_the_units_of_the_page():
+    """Intensities are converted, and probabilities are not."""
+    unit = {"units": "m s-2"}
+    variables = {"capacity": ("record", [9.80665], unit), "probability": ("at", [0.5], {"units": "1"})}
+    curve = xarray.Dataset(variables, {"at": ("at", [19.6133], unit)}, {"median": 9.80665})
+    data = in_page_units(curve, Units.parse("g"))
+    assert (data["at"].item(), data["at"].attrs["units"]) == (2.0, "g")
+    assert (data["capacity"].item(), data["probability"].item(), data.attrs["median"]) == (1.0, 0.5, 1.0)
+
+
+def test_derivatives_of_the_summary_have_two_digits():
+    numbers = {-54.27: "−54", 9.996: "+10", 0.99999: "+1.0", -0.0456: "−0.046", 120.0: "+120", 0.0: "+0.0"}
+    assert {y: summary._two_digits(y) for y in numbers} == numbers
 
 
 def made_history():
@@ -140,6 +235,9 @@ def test_changes_name_what_overturns():
     check = Check(entry, kind, "PASS", utilisation=0.6, spread=spread, spread_events=events)
     text = plain(summary._spread(check), Units.si())
     assert text == "from 0.50; overturned (M9) with width −; joint opens (M3) with height +"
+    events["height", 1] = "overturned (M9)"  # the same event with two inputs
+    text = plain(summary._spread(check), Units.si())
+    assert text == "from 0.50; overturned (M9) with width −, height +"
     rows = {row[0].text: row for row in influences._table(check, 0.05).rows}
     assert (rows["width"][2].text, rows["width"][2].state) == ("overturned (M9)", "overturned")
     assert rows["height"][2].value == 0.6

@@ -62,10 +62,10 @@ class FragilityKind(Kind):
         return kind_of_unit(unit_of_measure(measure_of_file(file)[0]))
 
     def curve(self, entry: Entry, scenes: Scenes) -> Any:
-        """Return the result of `rockjax.fragility` for the set, with three more variables along `record`.
-        `scale` is the least factor on each motion that overturns the columns. `largest_scale` is the largest
-        searched factor below the first scene that did not finish. `is_open` is True if scenes below the
-        capacity did not finish."""
+        """Return the result of `rockjax.fragility` for the set, with the rotations and the boundaries of the
+        incremental dynamic analysis, and with three more variables along `record`. `scale` is the least
+        factor on each motion that overturns the columns. `largest_scale` is the largest searched factor below
+        the first scene that did not finish. `is_open` is True if scenes below the capacity did not finish."""
         problem, motions = scenes.problem, scenes.motion_set(str(entry.motions))
         measure = entry.arguments["measure"]
         settings = problem.fragility.model_dump(), measure
@@ -400,7 +400,8 @@ def _with_search(curve: xarray.Dataset, analysis: xarray.Dataset) -> xarray.Data
     is_open = np.any(~is_finished & below, axis=1) | (analysis["certain_width"].values > allowed)
     ends = {"scale": capacity, "largest_scale": np.append(0.0, levels)[count]}
     ends = {name: y / analysis["measure"].values for name, y in ends.items()} | {"is_open": is_open}
-    return curve.assign({name: ("record", y) for name, y in ends.items()})
+    drawn = analysis[["peak_rotation", "overturned", "result", "boundaries"]]
+    return curve.merge(drawn).assign({name: ("record", y) for name, y in ends.items()})
 
 
 def _unfinished_records(curve: Any) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ import numpy as np
 from rockjax import _results as results
 from rockjax._outputs.registry import VARIABLES
 from rockjax._report.blocks import Paragraph, Section
+from rockjax._report.cells import number_cell
 from rockjax._report.tables import Column, Quantity, Table, TextCell
 from rockjax._report.units import Units, kind_of_unit
 
@@ -36,8 +37,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
         "estimated error.",
     )
     blocks: list[Any] = [Paragraph(text)]
-    columns = Column("Set"), Column("Output"), Column("Largest estimated error"), Column("Worst value")
-    rows = []
+    outputs: dict[str, dict[str, Quantity | TextCell]] = {}  # variable → set → cell
     counts = []
     for name in sets_with_scenes(evaluation):
         data = evaluation.scenes.peaks(name)
@@ -47,18 +47,12 @@ def section(evaluation: Evaluation, units: Units) -> Section:
             if f"{variable}_error" not in data:
                 continue
             error, value = (data[y].values[~unfinished] for y in (f"{variable}_error", variable))
-            kind = kind_of_unit(entry.unit)
             errors, values = error[np.isfinite(error)], value[np.isfinite(value)]
-            rows.append(
-                (
-                    TextCell(name),
-                    TextCell(entry.symbol or variable),
-                    Quantity(errors.max(), kind) if errors.size else TextCell("no finite error", "none"),
-                    Quantity(values.min() if variable.startswith("least") else np.abs(values).max(), kind)
-                    if values.size
-                    else TextCell("no finite value", "none"),
-                )
-            )
+            cell: Quantity | TextCell = TextCell("no finite value", "none")
+            if values.size:
+                worst = values.min() if variable.startswith("least") else np.abs(values).max()
+                cell = number_cell(worst, kind_of_unit(entry.unit), errors.max() if errors.size else None)
+            outputs.setdefault(variable, {})[name] = cell
         counts.append(
             (
                 TextCell(name),
@@ -77,9 +71,24 @@ def section(evaluation: Evaluation, units: Units) -> Section:
     balance = _energy_balance(evaluation)
     if balance is not None:
         blocks.append(balance)
-    if rows:
-        blocks.append(Table("errors", "Largest estimated errors", columns, tuple(rows)))
+    if outputs:
+        blocks.append(_errors(outputs))
     return Section(11, "Numerical accuracy", tuple(blocks))
+
+
+def _errors(outputs: dict[str, dict[str, Quantity | TextCell]]) -> Table:
+    """Return the table of the worst value of each output in each set, with the largest estimated error.
+
+    `outputs`: variable → set → cell
+    """
+    names = list(dict.fromkeys(name for cells in outputs.values() for name in cells))
+    rows = []
+    for variable, cells in outputs.items():
+        description = VARIABLES[variable][0].description
+        heading = TextCell(f"{description[:1].upper()}{description[1:]}")
+        rows.append((heading, *(cells.get(name, TextCell("not computed", "none")) for name in names)))
+    columns = Column("Output"), *(Column(f"Set {name}") for name in names)
+    return Table("errors", "Worst values and largest estimated errors", columns, tuple(rows))
 
 
 def _energy_balance(evaluation: Evaluation) -> Paragraph | None:

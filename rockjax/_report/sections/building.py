@@ -19,6 +19,7 @@ from .common import (
     governing_motion,
     governing_scene,
     omitted_scenes,
+    plot_label,
     sets_with_scenes,
     stored_figure,
     surviving_scenes,
@@ -131,7 +132,7 @@ def _stories(evaluation: Evaluation, name: str) -> Table:
     return Table(f"stories-{slug(name)}", caption, columns, tuple(rows))
 
 
-def _picture(evaluation: Evaluation) -> list[Figure]:
+def _picture(evaluation: Evaluation) -> list[Figure | Paragraph]:
     """Return the picture of the drifts and floor accelerations over the height under the governing motion of
     the page, in a list. The list is empty for a building without stories."""
     scene = governing_scene(evaluation.scenes, sets_with_scenes(evaluation))
@@ -150,7 +151,7 @@ def _picture(evaluation: Evaluation) -> list[Figure]:
         title = f"Drifts and floor accelerations under {label}"
         description = f"{title} of the set {name}, over the height; the largest drift is {largest:.4g} m."
         caption = f"Largest drifts and floor accelerations under {label} of the set {name}."
-        svg = to_svg(plots.stories(data, label=label), "stories", title, description)
+        svg = to_svg(plots.stories(data, label=plot_label(label)), "stories", title, description)
         return Figure(svg, caption, title, description)
 
     return [stored_figure(evaluation, "stories", (data.attrs["fingerprint"], name, label), draw)]

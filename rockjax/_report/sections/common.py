@@ -7,17 +7,18 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rockjax import _results as results
-from rockjax._report.blocks import Figure
+from rockjax._report.blocks import Figure, Pair, Paragraph
 from rockjax._report.cells import slug
 from rockjax._report.evaluation import describe_error
 from rockjax._report.store import fingerprint
-from rockjax._report.tables import Column, Table, TextCell
+from rockjax._report.tables import Code, Column, Table, TextCell
+from rockjax._report.units import Units, kind_of_unit
 from rockjax._structures.elevation import Elevation
 
 if TYPE_CHECKING:
@@ -76,16 +77,62 @@ def governing_scene(scenes: Scenes, names: Iterable[str]) -> tuple[str, int] | N
     return None if governing is None else governing[1:]
 
 
-def stored_figure(evaluation: Evaluation, name: str, inputs: Any, draw: Callable[[], Figure]) -> Figure:
-    """Return a picture from the store. If it is missing or was drawn from other inputs, draw and store it.
+def stored_figure(
+    evaluation: Evaluation, name: str, inputs: Any, draw: Callable[[], Figure]
+) -> Figure | Paragraph:
+    """Return a picture from the store. If it is missing or was drawn from other inputs, draw and store it. If
+    drawing raises an error, return a note with the error.
 
     - `evaluation`: the evaluated problem, whose store is used
     - `name`: name in the store; `inputs`: pytree of all data that the picture depends on
     - `draw`: function that returns the picture, whose caption must be a string
     """
     store = evaluation.scenes.store
-    text = store.text(f"figures.{name}", fingerprint(inputs), lambda: json.dumps(dataclasses.asdict(draw())))
+    try:
+        text = store.text(
+            f"figures.{name}", fingerprint(inputs), lambda: json.dumps(dataclasses.asdict(draw()))
+        )
+    except Exception as error:
+        return Paragraph(("The picture ", Code(name), f" is missing: {describe_error(error)}"), is_note=True)
     return Figure(**json.loads(text))
+
+
+def in_pairs(pictures: Sequence[Figure | Paragraph]) -> list[Figure | Paragraph | Pair]:
+    """Return pictures two by two beside each other. Notes, and a last picture without a partner, remain as
+    they are."""
+    blocks: list[Figure | Paragraph | Pair] = []
+    for picture in pictures:
+        last = blocks[-1] if blocks else None
+        if isinstance(last, Figure) and isinstance(picture, Figure):
+            blocks[-1] = Pair(last, picture)
+        else:
+            blocks.append(picture)
+    return blocks
+
+
+def plot_label(text: str) -> str:
+    """Return a name of the problem file as a label in a picture: at most 32 characters, without formulas."""
+    return (text if len(text) <= 32 else f"{text[:31]}…").replace("$", r"\$")
+
+
+def in_page_units(data: xarray.Dataset, units: Units) -> xarray.Dataset:
+    """Return a dataset whose variables and coordinates with the unit of an intensity measure, such as
+    "m s-2", are converted to the unit of the page.
+
+    - `data`: dataset of a fragility curve, an incremental dynamic analysis or a disaggregation. Its attribute
+      `median`, if present, is an intensity
+    """
+    unit = data["at" if "at" in data else "intensity"].attrs["units"]
+    kind = kind_of_unit(unit)
+    converted = {
+        name: (y.dims, y.values / units.factor(kind), y.attrs | {"units": units.symbol(kind)})
+        for name, y in data.variables.items()
+        if y.attrs.get("units") == unit and unit != "1"
+    }
+    attrs = {"median": data.attrs["median"] / units.factor(kind)} if "median" in data.attrs else {}
+    coords = {name: y for name, y in converted.items() if name in data.coords}
+    others = {name: y for name, y in converted.items() if name not in data.coords}
+    return data.assign_coords(coords).assign(others).assign_attrs(attrs)
 
 
 def details(evaluation: Evaluation, section: int) -> list[Table]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from rockjax._report.problem import Problem
 
 BOTTOM, TOP = 0, 1
+SAME_DIGITS = 5e-5  # relative difference of numbers that the page shows as equal
 
 
 class Extreme(NamedTuple):
@@ -97,8 +99,8 @@ def equations(evaluation: Evaluation, extremes: list[Extreme]) -> list[Paragraph
         return [Equations(tuple(rows))]
     parts: list[Text] = [_instant_text(problem, y, words) for y, words in instants]
     text = (
-        "The numbers in the equations are those of the governing instants. These are samples of histories, "
-        "so results may differ slightly from the peaks in the tables. ",
+        "The numbers in the equations are those of samples of histories at the governing instants. Where the "
+        "peak between two samples differs, the equation states it too. ",
         *(z for y in parts for z in y),
     )
     return [Paragraph(text, is_note=True), Equations(tuple(rows))] if parts else [Equations(tuple(rows))]
@@ -150,7 +152,19 @@ def _axial_force(problem: Problem, least: Extreme | None) -> Equation:
         *(mean, sign, Quantity(x, "length", is_input=True), " / (", radius, ")² · ("),
         *(Quantity(moment, kind), lever_sign, Quantity(lever, "length"), " · ", mean, ")"),
     )
-    return Equation(formula, numbers, in_weights(problem, instant.axial), "F8")
+    return Equation(formula, numbers, _with_peak(problem, instant.axial, least.value), "F8")
+
+
+def _with_peak(problem: Problem, value: float, peak: float, is_force: bool = True) -> Quantity:
+    """Return a result at a sample of a history, with the peak between two samples as a note if its four
+    digits differ.
+
+    - `value`, `peak`: the result and the peak; forces are divided by the weight m_c g of a column
+    """
+    result, other = (in_weights(problem, y) if is_force else Quantity(y, "number") for y in (value, peak))
+    if np.isclose(value, peak, rtol=SAME_DIGITS):
+        return result
+    return dataclasses.replace(result, note=("peak between two samples: ", other))
 
 
 def _signed(value: float) -> tuple[str, float]:
@@ -166,8 +180,10 @@ def _friction(problem: Problem, friction: Extreme | None) -> Equation:
     if not np.isfinite(friction.value):
         axial = in_weights(problem, friction.instant.axial)
         return Equation(formula, ("… / ", axial), TextCell("joint opens", "joint opens"), "F9")
-    shear, axial = (in_weights(problem, y) for y in (abs(friction.instant.shear), friction.instant.axial))
-    return Equation(formula, (shear, " / ", axial), Quantity(friction.value, "number"), "F9")
+    forces = abs(friction.instant.shear), friction.instant.axial
+    shear, axial = (in_weights(problem, y) for y in forces)
+    result = _with_peak(problem, forces[0] / forces[1], friction.value, is_force=False)
+    return Equation(formula, (shear, " / ", axial), result, "F9")
 
 
 def _foundation_shear(problem: Problem, shear: Extreme | None) -> Equation:

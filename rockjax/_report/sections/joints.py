@@ -193,7 +193,7 @@ def _shears(evaluation: Evaluation, names: list[str]) -> Table:
     return Table("foundation-shear", "Foundation shear, governing motion of each set", columns, tuple(rows))
 
 
-def _picture(evaluation: Evaluation, name: str, k: int) -> Figure | None:
+def _picture(evaluation: Evaluation, name: str, k: int) -> Figure | Paragraph | None:
     """Return the picture of the axial forces of the end columns under motion k of a set; None if the history
     has no joint forces."""
     data, label = evaluation.scenes.history(name, k), evaluation.problem.motions[name].names[k]
@@ -206,10 +206,14 @@ def _picture(evaluation: Evaluation, name: str, k: int) -> Figure | None:
 
 
 def _draw_forces(evaluation: Evaluation, name: str, k: int, data: xarray.Dataset, label: str) -> Figure:
-    from rockjax import plots
+    import matplotlib.pyplot as plt
 
-    figure = plots.joint_forces(data).get_figure(root=True)
-    assert figure is not None
+    from rockjax import plots
+    from rockjax.plots._style import in_style
+
+    with in_style():
+        figure, axes = plt.subplots(figsize=(8, 3.4), layout="constrained")
+        plots.joint_forces(data, axes)
     least = float(evaluation.scenes.peaks(name)["least_axial_force"][k].min())
     title = f"Axial forces under {label}"
     description = (

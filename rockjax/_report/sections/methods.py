@@ -63,6 +63,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
     }
     if results:
         blocks += _formulas(next(iter(results.values())))
+        blocks.append(_reliability(next(iter(results.values()))))
     for name, of_set in results.items():
         blocks += _tables(evaluation, name, of_set)
     if not results:
@@ -91,6 +92,22 @@ def _formulas(results: list[MethodResult]) -> list[Equations | Table]:
     caption = "Numbers of the methods for this structure"
     tables = [Table("method-numbers", caption, columns, tuple(numbers))] if numbers else []
     return [Equations(tuple(rows)), *tables]
+
+
+def _reliability(results: list[MethodResult]) -> Table:
+    """Return the table of the sources of the methods, and of what is known of their reliability.
+
+    `results`: the results for any set of motions
+    """
+    rows = [
+        (
+            TextCell(f"{result.title} {result.equation}", note=result.source),
+            TextCell(result.reliability),
+        )
+        for result in results
+    ]
+    caption = "Reliability of the methods"
+    return Table("method-reliability", caption, (Column("Method"), Column("Reliability")), tuple(rows))
 
 
 def _exact(evaluation: Evaluation, name: str, method: str) -> TextCell | Quantity:
@@ -185,7 +202,6 @@ def _tables(evaluation: Evaluation, name: str, results: Any) -> list[Table]:
         Column("U", "utilisation"),
         Column("Verdict"),
         Column("Exact answer"),
-        Column("Reliability"),
     )
     not_computed = TextCell("not computed", "not made")
     rows = []
@@ -197,10 +213,9 @@ def _tables(evaluation: Evaluation, name: str, results: Any) -> list[Table]:
             False: TextCell("rejects", "fail"),
             None: TextCell("no verdict", "not made"),
         }
-        missing = "; ".join(result.missing)
         rows.append(
             (
-                TextCell(f"{result.title} {result.equation}", note=result.source),
+                TextCell(f"{result.title} {result.equation}", note="; ".join(result.missing)),
                 TextCell(f"{result.quantity}, {result.statistic}"),
                 number_cell(result.governing_demand, kind) if has_values else not_computed,
                 number_cell(result.capacity, kind) if has_values else not_computed,
@@ -209,7 +224,6 @@ def _tables(evaluation: Evaluation, name: str, results: Any) -> list[Table]:
                 else not_computed,
                 verdict[result.passes],
                 _exact(evaluation, name, result.name),
-                TextCell(result.reliability, note=missing),
             )
         )
     tables = [Table(f"methods-{slug(name)}", f"Simplified methods, set {name}", columns, tuple(rows))]

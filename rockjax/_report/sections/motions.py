@@ -6,25 +6,29 @@ import functools
 import warnings
 from typing import TYPE_CHECKING, Any
 
+import equinox as eqx
+import jax
 import numpy as np
 
 from rockjax._motions.accelerogram import warn_if_implausible
-from rockjax._motions.intensity import spectral_acceleration
+from rockjax._motions.intensity import spectral_acceleration, spectral_accelerations
 from rockjax._motions.motion import Motion
 from rockjax._report.blocks import Figure, Paragraph, Section
-from rockjax._report.cells import number_cell, slug
+from rockjax._report.cells import slug
 from rockjax._report.pictures import to_svg
-from rockjax._report.tables import Cell, Code, Column, Quantity, Table, TextCell
+from rockjax._report.tables import Cell, Code, Column, Quantity, Table, TextCell, plain_part
 from rockjax._report.units import Units
 from rockjax._structures import g_tan_alpha
 
-from .common import sets_with_scenes, stored_figure, unused_sets
+from .common import governing_motion, in_pairs, plot_label, sets_with_scenes, stored_figure, unused_sets
 
 if TYPE_CHECKING:
     from rockjax._report.evaluation import Evaluation
     from rockjax._report.problem import MotionSet
 
 PERIODS = np.geomspace(0.05, 4.0, 60)  # periods of the drawn spectra [s]
+LAST_PERIOD = 1.25  # the spectra extend to at least this multiple of the first period of the building
+SAMPLES = 8001  # number of samples of a pulse for its spectrum and its intensity measures
 DAMPING = 0.05  # damping ratio of the spectra [–]
 
 
@@ -33,13 +37,17 @@ def section(evaluation: Evaluation, units: Units) -> Section:
     problem = evaluation.problem
     period = _first_period(problem.podium)
     used = sets_with_scenes(evaluation)
-    blocks: list[Any] = []
+    pictures = []
     for name in used:
-        motions = problem.motions[name]
-        if all(isinstance(member, Motion) for member in motions.members):
-            inputs = motions.name, motions.identities, period, units.unit("acceleration"), units.g
-            draw = functools.partial(_draw_spectra, motions, period, units)
-            blocks.append(stored_figure(evaluation, f"spectra-{slug(name)}", inputs, draw))
+        motions, governing = (
+            problem.motions[name],
+            governing_motion(evaluation.scenes.peaks(name), "peak_rotation"),
+        )
+        unit = units.unit("acceleration"), units.g
+        inputs = motions.name, motions.names, motions.identities, period, governing, unit
+        draw = functools.partial(_draw_spectra, motions, period, governing, units)
+        pictures.append(stored_figure(evaluation, f"spectra-{slug(name)}", inputs, draw))
+    blocks: list[Any] = [*in_pairs(pictures)]
     for name in used:
         blocks.append(_table(evaluation, problem.motions[name], period))
         blocks.append(_hashes(problem.motions[name]))
@@ -69,6 +77,7 @@ def _table(evaluation: Evaluation, motions: MotionSet, period: float | None) -> 
     podium = evaluation.problem.podium
     threshold = float(podium.uplift_ground_acceleration)
     has_prestress = not np.isclose(threshold, float(g_tan_alpha(podium.alpha, podium.g)), rtol=1e-9)
+    has_vertical = any(getattr(member, "vertical", None) is not None for member in motions.members)
     columns = (
         Column("Motion"),
         Column("Source"),
@@ -78,63 +87,57 @@ def _table(evaluation: Evaluation, motions: MotionSet, period: float | None) -> 
         Column("PGD", "displacement"),
         Column("S_a(T_1)", "acceleration"),
         Column("PGA / uplift acceleration" if has_prestress else "PGA / (g tan α)", "number"),
-        Column("Vertical PGA", "acceleration"),
+        *([Column("Vertical PGA", "acceleration")] if has_vertical else []),
         Column("Corrections and warnings"),
     )
     rows = [
-        (TextCell(name), *_cells(member, threshold, period))
+        (TextCell(name), *_cells(member, threshold, period, has_vertical))
         for name, member in zip(motions.names, motions.members, strict=True)
     ]
     label = f", {motions.label}" if motions.label != motions.name else ""
     key = f"motions.{motions.name}"
     source = evaluation.problem.sources_of_inputs({motions.name})[key] or "not given"
     caption = f"Motions of the set {motions.name}{label}; source: {source}"
+    if not has_vertical:
+        caption += "; no vertical components"
     return Table(f"motions-{slug(motions.name)}", caption, columns, tuple(rows))
 
 
-def _cells(member: Any, threshold: float, period: float | None) -> tuple[Cell, ...]:
+def _cells(member: Any, threshold: float, period: float | None, has_vertical: bool) -> tuple[Cell, ...]:
     """Return the cells of a motion in the table of its set, without its name.
 
     - `member`: record or pulse; `threshold`: least ground acceleration that lifts the columns [m/s²]
     - `period`: first period of the building [s], or None
+    - `has_vertical`: whether the table has a column for vertical components
     """
-    vertical = getattr(member, "vertical", None)
-    vertical_cell: Cell = TextCell("no vertical component", "none")
-    if not isinstance(member, Motion):
-        no_value = TextCell("not computed", "none")
-        amplitude = float(getattr(getattr(member, "horizontal", member), "a_p", np.nan))
-        if vertical is not None:
-            largest = float(getattr(vertical, "a_p", np.nan))
-            vertical_cell = number_cell(largest, "acceleration", text="not computed")
-        return (
-            TextCell("problem file"),
-            TextCell("pulse"),
-            number_cell(amplitude, "acceleration", text="none"),
-            *[no_value] * 3,
-            number_cell(amplitude / threshold, "number"),
-            vertical_cell,
-            TextCell("none", "none"),
-        )
-    source = str(member.source) if member.source is not None else "synthetic"
-    if "seed" in member.metadata:
-        source += f", seed {member.metadata['seed']}"
-    if member.metadata.get("scale") not in (None, 1, 1.0):
-        source += f", scale {float(member.metadata['scale']):.6g}"
+    source, samples, corrections = TextCell("problem file"), TextCell("pulse"), TextCell("none", "none")
+    record = as_record(member)
+    if isinstance(member, Motion):
+        name = str(member.source) if member.source is not None else "synthetic"
+        if "seed" in member.metadata:
+            name += f", seed {member.metadata['seed']}"
+        if member.metadata.get("scale") not in (None, 1, 1.0):
+            name += f", scale {float(member.metadata['scale']):.6g}"
+        source, samples = TextCell(name.rpartition("/")[2]), TextCell(f"{len(member)} every {member.dt:g} s")
+        corrections = _corrections(member)
     spectral: Cell = TextCell("rigid", "none")
     if period is not None:
-        spectral = Quantity(spectral_acceleration(member, period, DAMPING), "acceleration")
+        spectral = Quantity(spectral_acceleration(record, period, DAMPING), "acceleration")
+    vertical = getattr(member, "vertical", None)
+    vertical_cell: Cell = TextCell("no vertical component", "none")
     if vertical is not None:
-        vertical_cell = number_cell(vertical.pga, "acceleration")
+        pga = vertical.pga if isinstance(vertical, Motion) else as_record(vertical).pga
+        vertical_cell = Quantity(pga, "acceleration")
     return (
-        TextCell(source.rpartition("/")[2]),
-        TextCell(f"{len(member)} every {member.dt:g} s"),
-        number_cell(member.pga, "acceleration"),
-        number_cell(member.pgv, "velocity"),
-        number_cell(member.pgd, "displacement"),
+        source,
+        samples,
+        Quantity(record.pga, "acceleration"),
+        Quantity(record.pgv, "velocity"),
+        Quantity(record.pgd, "displacement"),
         spectral,
-        number_cell(member.pga / threshold, "number"),
-        vertical_cell,
-        _corrections(member),
+        Quantity(record.pga / threshold, "number"),
+        *([vertical_cell] if has_vertical else []),
+        corrections,
     )
 
 
@@ -178,36 +181,64 @@ def _hashes(motions: MotionSet) -> Table:
     return Table(f"hashes-{slug(motions.name)}", caption, tuple(columns), tuple(rows))
 
 
-def _draw_spectra(motions: MotionSet, period: float | None, units: Units) -> Figure:
-    """Draw the pseudo-acceleration spectra of a set of records.
+def _draw_spectra(motions: MotionSet, period: float | None, governing: int | None, units: Units) -> Figure:
+    """Draw the pseudo-acceleration spectra of a set of motions.
 
     - `motions`: the set; `units`: units of the drawing
     - `period`: first period of the building [s], which is marked; None for no mark
+    - `governing`: index of the motion with the largest rotation, which is highlighted; None for none
     """
     import matplotlib.pyplot as plt
 
-    from rockjax._motions.intensity import spectral_accelerations
-    from rockjax.plots._style import in_style
+    from rockjax.plots._style import COLOURS, in_style
 
-    records = [member for member in motions.members if isinstance(member, Motion)]
-    values = np.array([spectral_accelerations(record, PERIODS, DAMPING) for record in records])
-    unit_size = units.factor("acceleration")
+    last = max(PERIODS[-1], LAST_PERIOD * (period or 0.0))
+    T = np.union1d(np.geomspace(PERIODS[0], last, PERIODS.size), [period or last])
+    of_motions = [spectral_accelerations(as_record(member), T, DAMPING) for member in motions.members]
+    values = np.array(of_motions) / units.factor("acceleration")
+    mean = values.mean(axis=0)
     with in_style():
-        figure, axes = plt.subplots(figsize=(6.4, 3.2), layout="constrained")
-        axes.plot(PERIODS, values.T / unit_size, color="0.6", linewidth=0.6)
-        axes.plot(PERIODS, values.mean(axis=0) / unit_size, color="0.0", label="mean")
+        figure, axes = plt.subplots(figsize=(4.8, 3.2), layout="constrained")
+        axes.plot(T, values.T, "-", color="0.6", linewidth=0.6)
+        if governing is not None:
+            label = plot_label(motions.names[governing])
+            axes.plot(T, values[governing], "-", color=COLOURS[1], linewidth=1.0, label=label)
+        if len(motions) > 1:
+            axes.plot(T, mean, "-", color=COLOURS[0], linewidth=1.6, label="mean")
         if period is not None:
-            axes.axvline(period, color="0.3", linestyle="--", linewidth=0.8, label=f"T₁ = {period:.3g} s")
-        axes.set(xlabel="period T [s]", ylabel=f"S_a [{units.symbol('acceleration')}]", xlim=(0, PERIODS[-1]))
+            axes.axvline(
+                period, color=COLOURS[2], linestyle="--", linewidth=1.0, label=f"T₁ = {period:.3g} s"
+            )
+        axes.set(xlabel="period T [s]", ylabel=f"S_a [{units.symbol('acceleration')}]", xlim=(0, T[-1]))
         axes.set_ylim(bottom=0)
+        axes.grid(alpha=0.3)
         axes.legend()
     title = f"Response spectra of the set {motions.name}"
-    peak = float(values.mean(axis=0).max())
+    where, largest = "the largest value of the mean", mean.max()
+    if period is not None:
+        where, largest = f"the mean at T_1 = {period:.3g} s", mean[np.searchsorted(T, period)]
+    shown = plain_part(Quantity(float(largest) * units.factor("acceleration"), "acceleration"), units)
     description = (
-        f"Pseudo-acceleration spectra of {len(motions)} motions with 5 % damping, and their mean. The "
-        f"largest value of the mean is {peak:.4g} m/s²."
+        f"Pseudo-acceleration spectra of {len(motions)} motions with 5 % damping, and their mean; {where} is "
+        f"{shown}."
     )
-    caption = f"Spectra of the set {motions.name}, 5 % damping."
-    return Figure(
-        to_svg(figure, f"spectra-{slug(motions.name)}", title, description), caption, title, description
-    )
+    label = f" ({motions.label})" if motions.label != motions.name else ""
+    caption = f"Spectra of the set {motions.name}{label}, 5 % damping"
+    if governing is not None:
+        caption += f"; coloured: {motions.names[governing]}, with the largest rotation"
+    svg = to_svg(figure, f"spectra-{slug(motions.name)}", title, description)
+    return Figure(svg, f"{caption}.", title, description)
+
+
+def as_record(member: Any) -> Motion:
+    """Return the horizontal component of a motion as a `Motion`. A pulse is sampled at `SAMPLES` times."""
+    if isinstance(member, Motion):
+        return member
+    pulse = getattr(member, "horizontal", member)
+    start, end = (float(y) for y in pulse.support)
+    return Motion(np.asarray(_sample(pulse, np.linspace(start, end, SAMPLES))), (end - start) / (SAMPLES - 1))
+
+
+@eqx.filter_jit
+def _sample(pulse: Any, times: Any) -> jax.Array:
+    return jax.vmap(pulse)(times)

@@ -14,7 +14,7 @@ from rockjax._report.tables import Formula
 from rockjax._report.units import Units
 from rockjax._units import displayed_or_empty
 
-from .common import details, stored_figure
+from .common import details, in_page_units, in_pairs, stored_figure
 
 if TYPE_CHECKING:
     import xarray
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 def section(evaluation: Evaluation, units: Units) -> Section:
     """Return section 7 of the page."""
-    del units
     title = "Probabilities of overturning"
     blocks: list[Any] = [*details(evaluation, 7)]
     if not blocks:
@@ -34,12 +33,13 @@ def section(evaluation: Evaluation, units: Units) -> Section:
         return Section(7, title, (Paragraph(text),))
     if any(table.name.startswith("annual") for table in blocks):
         blocks.insert(0, Equations((Equation(Formula("annual_frequency")), Equation(Formula("probability")))))
-    return Section(7, title, (*blocks, *_pictures(evaluation)))
+    return Section(7, title, (*blocks, *in_pairs(_pictures(evaluation, units))))
 
 
-def _pictures(evaluation: Evaluation) -> list[Figure]:
+def _pictures(evaluation: Evaluation, units: Units) -> list[Figure | Paragraph]:
     """Return a picture for each fragility curve, and for each annual frequency."""
-    figures = {}
+    figures: dict[str, Figure | Paragraph] = {}
+    unit = units.names, units.g
     for check in evaluation.checks:
         kind = check.kind
         if check.values is None or not isinstance(kind, FragilityKind):
@@ -47,14 +47,14 @@ def _pictures(evaluation: Evaluation) -> list[Figure]:
         curve = kind.curve(check.entry, evaluation.scenes)
         if check.motions and not isinstance(curve, Lognormal):
             name = f"fragility-{slug(check.motions)}-{slug(curve.attrs['measure'])}"
-            inputs = _identity(curve), check.motions
-            draw = functools.partial(_draw_fragility, curve, name, check.motions)
+            inputs = _identity(curve), check.motions, unit
+            draw = functools.partial(_draw_fragility, curve, name, check.motions, units)
             figures[name] = stored_figure(evaluation, name, inputs, draw)
         if isinstance(kind, AnnualKind):
             name = f"risk-{slug(check.id)}"
             hazard = check.entry.arguments["hazard"]
-            inputs = _identity(curve), hazard, check.id
-            draw = functools.partial(_draw_risk, curve, hazard, name, check)
+            inputs = _identity(curve), hazard, check.id, unit
+            draw = functools.partial(_draw_risk, curve, hazard, name, check, units)
             figures[name] = stored_figure(evaluation, name, inputs, draw)
     return list(figures.values())
 
@@ -64,38 +64,38 @@ def _identity(curve: Lognormal | xarray.Dataset) -> Any:
     return curve if isinstance(curve, Lognormal) else {str(y): z.values for y, z in curve.items()}
 
 
-def _draw_fragility(curve: xarray.Dataset, name: str, motions: str) -> Figure:
+def _draw_fragility(curve: xarray.Dataset, name: str, motions: str, units: Units) -> Figure:
     import matplotlib.pyplot as plt
 
     from rockjax import plots
     from rockjax.plots._style import in_style
 
+    curve = in_page_units(curve, units)
     with in_style():
-        figure, axes = plt.subplots(figsize=(6.4, 3.6), layout="constrained")
+        figure, axes = plt.subplots(figsize=(4.8, 5.5), layout="constrained")
         plots.fragility(curve, axes)
     title = f"Fragility of the set {motions}"
-    median, unit = float(curve["median_capacity"]), curve["at"].attrs["units"]
-    description = (
-        f"Probability of overturning as a function of {curve.attrs['measure']}; the median is {median:.4g} "
-        f"{displayed_or_empty(unit)}".rstrip()
-        + "."
-    )
-    caption = f"Probability of overturning as a function of {curve.attrs['measure']}, set {motions}."
-    return Figure(to_svg(figure, name, title, description), caption, title, description)
+    median, unit = float(curve["median_capacity"]), displayed_or_empty(curve["at"].attrs["units"])
+    median_text = f"{median:.4g} {unit}".rstrip()
+    axis = f"{axes.get_ylabel()} as a function of {curve.attrs['measure']}"
+    axis = f"{axis[:1].upper()}{axis[1:]}".replace("\n", " ")
+    description = f"{axis}; the median is {median_text}, the dispersion {float(curve['dispersion']):.3g}."
+    return Figure(to_svg(figure, name, title, description), f"{axis}, set {motions}.", title, description)
 
 
-def _draw_risk(curve: Any, hazard: Hazard, name: str, check: Check) -> Figure:
+def _draw_risk(curve: Any, hazard: Hazard, name: str, check: Check, units: Units) -> Figure:
     from rockjax import plots
     from rockjax._risk.annual import disaggregation
 
     data = disaggregation(curve, hazard)
     title = f"Annual frequency of check {check.id}"
-    description = (
-        "Hazard, fragility, and contributions of the intensities to the annual frequency of check "
-        f"{check.id}, which is {check.value:.4g} a year."
-    )
     caption = (
         "Hazard, fragility, and contributions of the intensities to the annual frequency of check "
         f"{check.id}."
     )
-    return Figure(to_svg(plots.risk(data), name, title, description), caption, title, description)
+    description = (
+        f"{caption} The frequency is {check.value:.4g} a year; {data.attrs['extrapolated']:.0%} of it come "
+        "from beyond the hazard curve."
+    )
+    figure = plots.risk(in_page_units(data, units))
+    return Figure(to_svg(figure, name, title, description), caption, title, description)

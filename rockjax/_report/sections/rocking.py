@@ -3,22 +3,34 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rockjax._batch.batch import LANES
 from rockjax._report.blocks import Figure, Paragraph, Section
 from rockjax._report.cells import number_cell, peak_cell, slug, unanswered_cell
 from rockjax._report.kinds import KINDS
 from rockjax._report.kinds.peaks import deck_displacement
+from rockjax._report.kinds.risk import FragilityKind
 from rockjax._report.pictures import to_svg
-from rockjax._report.scales import least_factors
+from rockjax._report.scales import MAX_SCALE, least_factors
 from rockjax._report.tables import Column, Quantity, Table, TextCell
 from rockjax._report.units import Units
+from rockjax._units import displayed_or_empty
 
 from . import instants
-from .common import details, governing_motion, governing_scene, sets_with_scenes, stored_figure
+from .common import (
+    details,
+    governing_motion,
+    governing_scene,
+    in_page_units,
+    plot_label,
+    sets_with_scenes,
+    stored_figure,
+)
 
 if TYPE_CHECKING:
     import xarray
@@ -33,6 +45,8 @@ WINDOW_COLUMNS = {  # variable of `least_factors` → heading
     "overturns_again_from": "Overturns again from",
 }
 AFTER_LAST_IMPACT = 1.2  # histories end at this multiple of the time of the last impact
+FACTORS = LANES  # number of factors on the governing motion, which take no longer than one
+BEYOND = 1.5  # these factors extend to this multiple of the least factor that overturns
 
 
 def section(evaluation: Evaluation, units: Units) -> Section:
@@ -43,6 +57,9 @@ def section(evaluation: Evaluation, units: Units) -> Section:
         blocks.append(Paragraph("No scene finished without overturning, so there is no history to draw."))
     else:
         blocks.insert(0, _history(evaluation, *scene))
+        if _has_factors(evaluation, scene[0]):
+            blocks.insert(1, _factors(evaluation, *scene))
+    blocks += _analyses(evaluation, units)
     return Section(4, "Rotation, uplift, overturning", (*blocks, *details(evaluation, 4)))
 
 
@@ -73,10 +90,7 @@ def _table(evaluation: Evaluation, name: str) -> Table:
         Column("Impacts", "count"),
         Column("Impacts before the peak", "count"),
     ]
-    is_requested = any(
-        check.kind is KINDS["overturning-scale"] and check.motions == name for check in evaluation.checks
-    )
-    windows = least_factors(scenes, name, "overturning") if is_requested else None
+    windows = least_factors(scenes, name, "overturning") if _has_factors(evaluation, name) else None
     if windows is not None:
         columns += [Column(head, "ratio" if y == "width" else "number") for y, head in WINDOW_COLUMNS.items()]
     else:
@@ -101,6 +115,14 @@ def _table(evaluation: Evaluation, name: str) -> Table:
     )
 
 
+def _has_factors(evaluation: Evaluation, name: str) -> bool:
+    """Return whether a check of the set needs the least factors on its motions that overturn the columns."""
+    return any(
+        check.kind is KINDS["overturning-scale"] and check.motions == name and check.values is not None
+        for check in evaluation.checks
+    )
+
+
 def _window_cells(windows: xarray.Dataset, k: int) -> list[Quantity | TextCell]:
     """Return the cells of the columns `WINDOW_COLUMNS` for a motion.
 
@@ -108,13 +130,15 @@ def _window_cells(windows: xarray.Dataset, k: int) -> list[Quantity | TextCell]:
     """
     factor, survives = (float(windows[y][k]) for y in ("factor", "survives_from"))
     text = f"none up to {float(windows['window_end'][k]):.3g}" if np.isfinite(factor) else "none"
+    end = float(windows["end"][k])
+    note = f"or less: known up to {end:.3g} only" if bool(windows["is_open"][k]) else ""
     with np.errstate(invalid="ignore"):
         width = number_cell(np.divide(survives - factor, factor), "ratio", text=text)
     # Windows may be so narrow that four digits do not show them.
     factor_cell, *ends = (
         dataclasses.replace(cell, is_input=True) if isinstance(cell, Quantity) else cell
         for cell in (
-            number_cell(factor, "number", text=f"none up to {float(windows['end'][k]):.3g}"),
+            number_cell(factor, "number", text=f"none up to {end:.3g}", note=note),
             *(number_cell(float(windows[y][k]), "number", text=text) for y in list(WINDOW_COLUMNS)[2:]),
         )
     )
@@ -148,7 +172,7 @@ def _impacts(count: float) -> Quantity | TextCell:
     return Quantity(count, "count") if count else TextCell("no impact", "none")
 
 
-def _history(evaluation: Evaluation, name: str, k: int) -> Figure:
+def _history(evaluation: Evaluation, name: str, k: int) -> Figure | Paragraph:
     """Return the picture of the history under motion k of a set, up to shortly after the last impact."""
     data, label = evaluation.scenes.history(name, k), evaluation.problem.motions[name].names[k]
     inputs = data.attrs["fingerprint"], name, label
@@ -175,3 +199,135 @@ def _draw_history(evaluation: Evaluation, name: str, k: int, data: xarray.Datase
         f"History under {label}, the motion of the set {name} with the largest rotation without overturning."
     )
     return Figure(to_svg(figure, "history", title, description), caption, title, description)
+
+
+def _factors(evaluation: Evaluation, name: str, k: int) -> Figure | Paragraph:
+    """Return the picture of the rotation as a function of the factor on motion k of a set."""
+    scenes, motions = evaluation.scenes, evaluation.problem.motions[name]
+    windows = least_factors(scenes, name, "overturning").isel(motion=k)
+    limits = {
+        check.id: check.limit
+        for check in evaluation.checks
+        if check.kind is KINDS["overturning-scale"] and check.motions == name
+    }
+    factor, end = float(windows["factor"]), float(windows["end"])
+    last = max(1.2, *(1.1 * y for y in limits.values()), BEYOND * factor if np.isfinite(factor) else end)
+    factors = np.linspace(0, min(last, MAX_SCALE), FACTORS + 1)[1:]
+    # The outputs are those of other scenes of the set, which have a compiled program.
+    outputs = tuple(y for y in scenes.outputs(name) if y != "errors")
+    options = scenes.options(name).replace(outputs=outputs)
+
+    def draw() -> Figure:
+        excitations = [motions.excitations[k].scaled(y) for y in factors]
+        data = scenes.peaks_under(f"factors.{name}.{k}", options, excitations)
+        analysis = _analysis_of_factors(data, factors, windows, float(options.overturn_ratio))
+        lines = {1.0: "as given"} | {y: f"limit of {id}" for id, y in limits.items()}
+        label = motions.names[k]
+        title = f"Rotation under multiples of {label}"
+        caption = (
+            f"Largest rotation under {label} of the set {name} as a function of the factor on the motion"
+        )
+        description = f"{caption}; {_windows_text(windows)}."
+        return _draw_analysis(analysis, "factors", title, description, description, lines)
+
+    inputs = [windows[y].values for y in sorted(map(str, windows.data_vars))], factors, options, limits
+    structure = scenes.problem.podium, motions.identities[k], motions.names[k], name
+    return stored_figure(evaluation, "factors", (inputs, structure), draw)
+
+
+def _windows_text(windows: xarray.Dataset) -> str:
+    """Return a text with the least factor that overturns the columns, and the window of survival above it.
+
+    `windows`: result of `least_factors` for one motion
+    """
+    factor, end, survives, again = (
+        float(windows[y]) for y in ("factor", "end", "survives_from", "overturns_again_from")
+    )
+    if not np.isfinite(factor):
+        return f"no factor up to {end:.3g} overturns the columns"
+    text = f"the least factor that overturns the columns is {factor:.6g}"
+    if bool(windows["is_open"]):
+        text += f", or less, because scenes above {end:.3g} did not finish"
+    if np.isfinite(survives):
+        text += f"; they survive again from {survives:.6g}"
+    return text + (f" to {again:.6g}" if np.isfinite(again) else "")
+
+
+def _analysis_of_factors(
+    data: xarray.Dataset, factors: np.ndarray, windows: xarray.Dataset, ratio: float
+) -> xarray.Dataset:
+    """Return scenes under multiples of a motion as an incremental dynamic analysis of one record.
+
+    - `data`: peaks along `motion`, one for each of the `factors`
+    - `windows`: result of `least_factors` for the motion; `ratio`: the option `overturn_ratio`
+    """
+    import xarray
+
+    boundaries = [float(windows[y]) for y in ("factor", "survives_from", "overturns_again_from")]
+    names = "peak_rotation", "overturned", "result"
+    variables: dict[str, Any] = {y: (("record", "intensity"), data[y].values[None]) for y in names}
+    variables["boundaries"] = (
+        ("record", "boundary"),
+        np.where(np.isfinite(boundaries), boundaries, np.nan)[None],
+    )
+    coords = {"intensity": ("intensity", factors, {"units": "1"})}
+    attrs = {"measure": "factor on the motion", "overturn_ratio": ratio}
+    return xarray.Dataset(variables, coords, attrs)
+
+
+def _analyses(evaluation: Evaluation, units: Units) -> list[Figure | Paragraph]:
+    """Return a picture of the incremental dynamic analysis of each set of motions that has one."""
+    figures: dict[str, Figure | Paragraph] = {}
+    for check in evaluation.checks:
+        kind = check.kind
+        if check.values is None or not isinstance(kind, FragilityKind) or not check.motions:
+            continue
+        curve, motions = kind.curve(check.entry, evaluation.scenes), check.motions
+        name = f"analysis-{slug(motions)}-{slug(curve.attrs['measure'])}"
+        inputs = {str(y): z.values for y, z in curve.items()}, motions, units.names, units.g
+        draw = functools.partial(_draw_motions, in_page_units(curve, units), name, motions)
+        figures[name] = stored_figure(evaluation, name, inputs, draw)
+    return list(figures.values())
+
+
+def _draw_motions(curve: xarray.Dataset, name: str, motions: str) -> Figure:
+    """Draw the incremental dynamic analysis of a set of motions.
+
+    `curve`: result of `FragilityKind.curve`; `name`: name of the picture; `motions`: name of the set
+    """
+    measure, capacity = curve.attrs["measure"], curve["capacity"].values
+    unit = displayed_or_empty(curve["intensity"].attrs["units"])
+    least = f"the least {measure} that overturns the columns is {np.nanmin(capacity):.4g} {unit}".rstrip()
+    title = f"Rotation as a function of {measure}, set {motions}"
+    description = (
+        f"Largest rotation under each motion of the set {motions} as a function of {measure}; {least}."
+        if np.isfinite(capacity).any()
+        else f"{title}; no motion overturns the columns."
+    )
+    caption = f"Largest rotation under the motions of the set {motions}, scaled to the same {measure}."
+    return _draw_analysis(curve, name, title, description, caption, {})
+
+
+def _draw_analysis(
+    data: xarray.Dataset, name: str, title: str, description: str, caption: str, lines: dict[float, str]
+) -> Figure:
+    """Draw an incremental dynamic analysis, with a horizontal line and its text for each of the `lines`."""
+    import matplotlib.pyplot as plt
+
+    from rockjax import plots
+    from rockjax.plots._style import COLOURS, in_style
+
+    with in_style():
+        figure, axes = plt.subplots(figsize=(6.4, 4.0), layout="constrained")
+        plots.incremental_dynamic_analysis(data, axes)
+        for y, text in lines.items():
+            axes.axhline(y, color=COLOURS[1] if y != 1 else "0.3", linestyle="--", linewidth=0.9)
+            axes.annotate(
+                plot_label(text),
+                (0.99, y),
+                (0, 2),
+                ha="right",
+                textcoords="offset points",
+                xycoords=("axes fraction", "data"),
+            )
+    return Figure(to_svg(figure, name, title, description), caption, title, description)

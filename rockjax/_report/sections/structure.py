@@ -79,7 +79,7 @@ def _round_ends(problem: Problem) -> list[Paragraph]:
     return [Paragraph(text, is_note=True)]
 
 
-def _elevation(evaluation: Evaluation, units: Units) -> Figure:
+def _elevation(evaluation: Evaluation, units: Units) -> Figure | Paragraph:
     """Return the picture of the structure, and of a column at the largest rotation of the governing scene.
     This is the scene with the largest rotation without overturning."""
     problem, scene = evaluation.problem, governing_scene(evaluation.scenes, sets_with_scenes(evaluation))
@@ -201,10 +201,12 @@ def _geometry_rows(evaluation: Evaluation, numbers: dict[str, Any]) -> Iterator[
     width, height = float(numbers["width"]), float(numbers["height"])
     alpha, g, R = float(podium.alpha), float(podium.g), float(podium.R)
     tan = Quantity(np.tan(alpha), "number", note=("α = ", Quantity(alpha, "angle")))
-    yield Equation(Formula("slenderness"), f"{_plain(width)} / {_plain(height)}", tan, "1")
-    text = f"√({_plain(width / 2)}² + {_plain(height / 2)}²)"
+    length = lambda y: Quantity(y, "length", is_input=True)
+    yield Equation(Formula("slenderness"), (length(width), " / ", length(height)), tan, "1")
+    text = "√((", length(width / 2), ")² + (", length(height / 2), ")²)"
     yield Equation(Formula("half_diagonal"), text, Quantity(R, "length"), "1")
-    text, p = f"√(3 · {_plain(g)} / (4 · {_plain(R)}))", Quantity(float(numbers["p"]), "angular frequency")
+    text = "√(3 · ", Quantity(g, "acceleration"), " / (4 · ", Quantity(R, "length"), "))"
+    p = Quantity(float(numbers["p"]), "angular frequency")
     yield Equation(Formula("frequency_parameter"), text, p, "25")
     yield Equation(Formula("inertia_factor"), "", Quantity(float(podium.lam), "number"), "3")
     scene = governing_scene(evaluation.scenes, sets_with_scenes(evaluation))
@@ -212,7 +214,8 @@ def _geometry_rows(evaluation: Evaluation, numbers: dict[str, Any]) -> Iterator[
         name, k = scene
         theta = float(evaluation.scenes.peaks(name)["peak_rotation"][k]) * alpha
         displacement = 2 * R * (np.sin(alpha) - np.sin(alpha - theta))
-        text = f"2 · {_plain(R)} · [{_plain(np.sin(alpha), 4)} − {_plain(np.sin(alpha - theta), 4)}]"
+        sines = _plain(np.sin(alpha), 4), _plain(np.sin(alpha - theta), 4)
+        text = "2 · ", Quantity(R, "length"), f" · [{sines[0]} − {sines[1]}]"
         note = f"{problem.motions[name].names[k]} of {name}"
         result = Quantity(displacement, "displacement", note=note)
         yield Equation(Formula("beam_displacement"), text, result, "13")
@@ -273,8 +276,9 @@ def _restitution_rows(problem: Problem, numbers: dict[str, Any]) -> Iterator[Equ
         law = next((y.value for y in problem.inputs if y.key == "restitution"), "paper")
         other = "same factor as in use" if factor == in_use else "not in use"
         use = "in use" if name == law else other
-        text = f"{inserted} (law {name}, {use})" if np.isclose(value, factor) else f"law {name}, {use}"
-        yield Equation(Formula(f"restitution_{name}"), text, Quantity(factor, "number"), label)
+        result = Quantity(factor, "number", note=f"law “{name}”, {use}")
+        text = inserted if np.isclose(value, factor) else ""
+        yield Equation(Formula(f"restitution_{name}"), text, result, label)
 
 
 def _uplift_rows(problem: Problem, numbers: dict[str, Any]) -> Iterator[Equation]:
@@ -287,11 +291,13 @@ def _uplift_rows(problem: Problem, numbers: dict[str, Any]) -> Iterator[Equation
     g, tan = float(podium.g), float(np.tan(float(podium.alpha)))
     uplift = float(numbers["uplift_acceleration"])
     prestress = _prestress(problem, numbers)
-    text = f"{_plain(g)} · {_plain(tan)}{prestress}"
+    gravity = Quantity(g, "acceleration")
+    text: tuple[Any, ...] = gravity, f" · {_plain(tan)}{prestress}"
     yield Equation(Formula("uplift_acceleration"), text, Quantity(uplift, "acceleration"), "5")
     if podium.vibrates:
         gamma, eta = (_plain(y, 4) for y in numbers["mass_ratios"])
-        text = f"{_plain(g)} · {_plain(tan)} · (1 + 2 · {gamma} + 2 · {eta}) / (1 + 2 · {gamma}){prestress}"
+        ratio = f"(1 + 2 · {gamma} + 2 · {eta}) / (1 + 2 · {gamma})"
+        text = gravity, f" · {_plain(tan)} · {ratio}{prestress}"
         demand = Quantity(float(numbers["uplift_demand"]), "acceleration")
         yield Equation(Formula("uplift_demand"), text, demand, "9")
 
@@ -331,8 +337,8 @@ def _load_rows(problem: Problem, numbers: dict[str, Any]) -> Iterator[Equation]:
             yield Equation(
                 Formula("mean_height"), "", Quantity(float(numbers["mean_height"]), "length"), "F8"
             )
-        square, largest = float(np.mean(offsets**2)), float(np.abs(offsets).max())
-        text = f"{_plain(square, 4)} / {_plain(largest, 4)}"
+        radius, largest = float(np.sqrt(np.mean(offsets**2))), float(np.abs(offsets).max())
+        text = "(", Quantity(radius, "length"), ")² / ", Quantity(largest, "length", is_input=True)
         distance = Quantity(float(numbers["core_distance"]), "length")
         yield Equation(Formula("core_distance"), text, distance, "F8")
 

@@ -133,7 +133,13 @@ def _slopes(check: Check) -> Text:
         is_finite = math.isfinite(check.value) and math.isfinite(check.utilisation)
         return check.no_slopes if is_finite else "no finite value"
     largest = sorted(known.items(), key=lambda item: -abs(item[1]))[:SHOWN_SLOPES]
-    return ", ".join(f"{name} {value:+.2f}".replace("-", "−") for name, value in largest)
+    return ", ".join(f"{name} {_two_digits(value)}" for name, value in largest)
+
+
+def _two_digits(value: float) -> str:
+    """Return a number with its sign and two significant digits."""
+    decimals = max(0, 1 - int(f"{value:.1e}".partition("e")[2]))
+    return f"{value:+.{decimals}f}".replace("-", "−")
 
 
 def _spread(check: Check) -> Text:
@@ -153,13 +159,15 @@ def _spread(check: Check) -> Text:
     lowest, highest = min(u for u, _ in changes), max(changes)
     least = Quantity(lowest, "utilisation") if math.isfinite(lowest) else ""
     events = {f"{name} {'−+'[k]}": text for (name, k), text in check.spread_events.items()}
-    infinite = [
-        f"{events.get(name, 'no finite value')} with {name}" for u, name in changes if not math.isfinite(u)
-    ]
+    infinite: dict[str, list[str]] = {}  # event → changes that cause it
+    for u, name in changes:
+        if not math.isfinite(u):
+            infinite.setdefault(events.get(name, "no finite value"), []).append(name)
+    causes = [f"{event} with {_first_three(names)}" for event, names in infinite.items()]
     missing = [name for name, u in utilisations.items() if math.isnan(u)]
     if infinite and math.isfinite(check.utilisation):
         beginning = ("from ", least, "; ") if least else ()
-        text: tuple[Any, ...] = (*beginning, _first_three(infinite, "; "))
+        text: tuple[Any, ...] = (*beginning, _first_three(causes, "; "))
     elif infinite:
         text = ("from ", least) if least else ("no finite value",)
     else:
