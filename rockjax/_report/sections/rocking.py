@@ -324,9 +324,9 @@ def _draw_analysis(
             axes.axhline(y, color=COLOURS[1] if y != 1 else "0.3", linestyle="--", linewidth=0.9)
             axes.annotate(
                 plot_label(text),
-                (0.99, y),
+                (0.01, y),
                 (0, 2),
-                ha="right",
+                ha="left",
                 textcoords="offset points",
                 xycoords=("axes fraction", "data"),
             )
