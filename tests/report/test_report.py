@@ -19,7 +19,7 @@ from rockjax._cli._report import _without_folder
 from rockjax._files import write_dataset
 from rockjax._problem.reading import load_table
 from rockjax._report import markup
-from rockjax._report.blocks import Equations, Figure, Section
+from rockjax._report.blocks import Equations, Figure, Pair, Section
 from rockjax._report.kinds import KINDS
 from rockjax._report.reading import problem_of
 from rockjax._report.sections import rocking
@@ -193,6 +193,11 @@ def equations_of(report, number):
     """Return the rows of all equations of a section."""
     blocks = report.page.sections[number - 1].blocks
     return [row for block in blocks if isinstance(block, Equations) for row in block.rows]
+
+
+def figures_of(block):
+    """Return the pictures of a block."""
+    return [block.left, block.right] if isinstance(block, Pair) else [block] * isinstance(block, Figure)
 
 
 def inserted(text):
@@ -725,6 +730,9 @@ def test_annual_frequency_is_that_of_the_package(tmp_path):
     assert check.value == pytest.approx(float(expected.frequency), rel=1e-9)
     assert check.result == ("PASS" if check.value <= 1e-3 else "FAIL")
     assert {"fragility-design-pga", "annual-c1"} <= report.tables.keys()
+    titles = [figure.title for block in report.page.blocks() for figure in figures_of(block)]
+    expected = "Rotation as a function of PGA, set design", "Fragility of the set design"
+    assert {*expected, "Annual frequency of check C1"} <= set(titles)
     write_dataset(tmp_path / "curve.nc", rj.fragility(analysis))  # the same curve, from a file
     text = path.read_text().replace("[risk]\n", "[risk]\nfragility = 'curve.nc'\n")
     path.write_text(text)

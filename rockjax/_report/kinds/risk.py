@@ -400,8 +400,8 @@ def _with_search(curve: xarray.Dataset, analysis: xarray.Dataset) -> xarray.Data
     is_open = np.any(~is_finished & below, axis=1) | (analysis["certain_width"].values > allowed)
     ends = {"scale": capacity, "largest_scale": np.append(0.0, levels)[count]}
     ends = {name: y / analysis["measure"].values for name, y in ends.items()} | {"is_open": is_open}
-    drawn = analysis[["peak_rotation", "overturned", "result", "boundaries"]]
-    return curve.merge(drawn).assign({name: ("record", y) for name, y in ends.items()})
+    drawn = {name: analysis[name] for name in ("peak_rotation", "overturned", "result", "boundaries")}
+    return curve.assign(drawn | {name: ("record", y) for name, y in ends.items()})
 
 
 def _unfinished_records(curve: Any) -> tuple[str, ...]:
