@@ -191,10 +191,12 @@ class Options(Module):
 def canonical_options(podium: Podium, options: Options) -> Options:
     """Return the canonical form of options. Requests with the same canonical form share a compiled program.
 
-    In the canonical form, `history` and `throw` have their defaults. Outputs are in the order of the
-    registry, user-defined outputs last. Outputs that do not apply to the podium are removed, unless none
-    would remain.
+    In the canonical form, `history` and `throw` have their defaults, and `rest_velocity` is a number. Outputs
+    are in the order of the registry, user-defined outputs last. Outputs that do not apply to the podium are
+    removed, unless none would remain.
     """
+    if options.rest_velocity is None:
+        options = options.replace(rest_velocity=options.rtol)
     parameters, treedef = jax.tree.flatten(options)
     applicable = frozenset(name for name, output in REGISTRY.items() if output.applies(podium))
     return jax.tree.unflatten(_canonical_treedef(treedef, applicable), parameters)

@@ -23,7 +23,8 @@ MAX_SERIAL_LANES = 64  # largest number of lanes that are served one after anoth
 
 
 class Lanes(NamedTuple):
-    """Data that the lanes hold from one chunk to the next."""
+    """Data that the lanes hold from one chunk to the next. Lanes that take no further scenes hold only the
+    indices then, and None in place of the other data."""
 
     states: LoopState  # states, with a row for each lane
     varying: list[Any]  # leaves of `Scene` that vary between scenes, with a row for each lane

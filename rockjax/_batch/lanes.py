@@ -61,7 +61,7 @@ def advance(
     chunk = prepare_in_blocks(leaves, layout, options, count)
     try_step, lift_off = step_functions(plan, options)
     enough_waiting = max(1, round(WAITING_SHARE * lane_count))
-    lanes = _with_swapped_axes(lanes)
+    index_type = lanes.scene_index.dtype
 
     def apply(function, lanes: Lanes) -> Lanes:
         """Apply a function (scene, state) ↦ state to all lanes."""
@@ -77,8 +77,9 @@ def advance(
             distance = least_edge_distance(distance, states, state_slopes)
         return lanes._replace(states=states, slopes=slopes, edge_distance=distance)
 
-    index_type = lanes.scene_index.dtype
-    if not refill:
+    if refill:
+        lanes = _with_swapped_axes(lanes)
+    else:
         index = jnp.arange(lane_count, dtype=index_type)
         scene_index = jnp.where(index < count, first + stride * index, -1)
         states, slopes = chunk.starts(lane_count)
@@ -129,7 +130,8 @@ def advance(
         Loop(lanes, next_position, done),
     )
     running = jnp.sum(loop.lanes.scene_index >= 0, dtype=index_type)
-    return _with_swapped_axes(loop.lanes), loop.done._replace(running=running)
+    lanes = _with_swapped_axes(loop.lanes) if refill else _without_states(loop.lanes.scene_index)
+    return lanes, loop.done._replace(running=running)
 
 
 def _skip_samples(plan: Plan, options: Options, skip: Callable[[Lanes], Lanes], lanes: Lanes) -> Lanes:
@@ -182,8 +184,16 @@ def _answers_of(chunk: Chunk, plan: Plan, lanes: Lanes) -> Answers:
     }, integers
 
 
+def _without_states(scene_index: Any) -> Lanes:
+    """Return lanes between chunks, if they take no further scenes: the next chunk has states of its own."""
+    nothing: Any = None
+    return Lanes(nothing, nothing, scene_index)
+
+
 def idle_lanes(scenes: SceneBatch, options: Options, layout: LaneLayout) -> Lanes:
     """Return lanes without scenes, for chunks of the batch `scenes`."""
+    if not layout.refill:
+        return _without_states(np.full(layout.lanes, -1, jnp.result_type(int)))
     shapes = tuple(
         (y.shape if axis is None else (layout.size, *y.shape[1:]), y.dtype)
         for y, axis in zip(scenes.leaves, layout.axes, strict=True)

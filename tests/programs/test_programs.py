@@ -365,10 +365,12 @@ def test_further_records_and_suites_compile_nothing():
 
 
 def test_options_that_ask_for_the_same_share_programs():
-    """The order of outputs has no effect, nor have outputs that do not apply to the podium."""
+    """The order of outputs has no effect, nor have outputs that do not apply to the podium, nor a number for
+    the rest velocity."""
     podium = PODIUMS["rigid"]
     same = [
         {"throw": False},
+        {"rest_velocity": 1e-8},
         {"history": 64},
         {"outputs": ("peak_deformation", "peak_rotation", "peak_floor_acceleration", "peak_shear")},
     ]
