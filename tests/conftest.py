@@ -8,15 +8,18 @@ from pathlib import Path
 os.environ.setdefault("MPLBACKEND", "Agg")
 # Workers and modules share their compiled programs.
 os.environ["ROCKJAX_CACHE_DIR"] = str(Path(__file__).parent.parent / ".pytest_cache" / "rockjax")
-# Functions that tests compile need as little time for it as stored programs.
-os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_backend_optimization_level=1".strip()
+# Functions that tests compile need as little time for it as stored programs. Workers inherit the flag, which
+# must not occur twice, because it belongs to the keys of stored programs.
+os.environ["XLA_FLAGS"] = " ".join(
+    dict.fromkeys([*os.environ.get("XLA_FLAGS", "").split(), "--xla_backend_optimization_level=1"])
+)
+# Processes that tests start inherit this setting, and so use the same stored programs.
+os.environ["JAX_NUMPY_RANK_PROMOTION"] = "raise"
 
 import jax
 import pytest
 
 from rockjax._programs.program import forget
-
-jax.config.update("jax_numpy_rank_promotion", "raise")
 
 
 def pytest_configure(config):
@@ -56,6 +59,7 @@ def pytest_collection_modifyitems(config, items):
 
 def pytest_sessionstart():
     assert jax.config.jax_enable_x64
+    assert jax.config.jax_numpy_rank_promotion == "raise"
 
 
 @pytest.fixture(scope="module", autouse=True)

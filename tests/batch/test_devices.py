@@ -122,7 +122,6 @@ def device_results():
     cache = {
         "JAX_COMPILATION_CACHE_DIR": str(jax.config.jax_compilation_cache_dir),
         "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "1",
-        "JAX_NUMPY_RANK_PROMOTION": "raise",
     }
     done = subprocess.run(
         [sys.executable, "-W", "error", "-m", "tests.batch.test_devices"],
