@@ -1,4 +1,7 @@
-"""Random scenes of every kind: every difference of an answer or a derivative has an accepted cause."""
+"""Random scenes of every kind: every difference of an answer or a derivative has an accepted cause.
+
+Scenes under pulses are slow; derivatives of pulses are also in `test_bouncing.py` and `test_deck_outputs.py`.
+"""
 
 import itertools
 
@@ -73,7 +76,7 @@ def test_forces_in_the_joints(group, motion):
     assert not faults(group, motion, agreement.FORCES)
 
 
-@pytest.mark.slow(but=["one-sine-none-free-horizontal"])
+@pytest.mark.slow
 @pytest.mark.parametrize("group", PULSES)
 @pytest.mark.parametrize("pulse", ["one-sine", "one-cosine"])
 def test_under_pulses(group, pulse):

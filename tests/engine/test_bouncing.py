@@ -5,11 +5,13 @@ import numpy as np
 import pytest
 
 import rockjax as rj
-from tests.scenes import PODIUMS
+from tests.scenes import PODIUMS, G
 
 PODIUM = PODIUMS["rigid"]
+# With a number for the restitution, all values of it share programs.
+GIVEN = PODIUM.replace(restitution=float(PODIUM.restitution_factor))
 OUTPUTS = ("peak_rotation", "peak_shear", "margin")
-LIFTS = float(PODIUM.uplift_ground_acceleration)
+LIFTS = 0.15 * G  # ground acceleration that lifts the columns slowly: g tan α [m/s²]
 
 
 def followed(options: rj.Options) -> rj.Options:
@@ -23,8 +25,8 @@ def test_pulses_have_the_same_peaks(pulse):
     options = rj.Options(outputs=OUTPUTS)
     ratios, periods = np.linspace(1.02, 4.0, 40)[:, None], np.array([0.4, 1.0, 2.5])
     pulses = pulse(ratios * LIFTS, periods)
-    found = rj.peak_responses(PODIUM, pulses, options=options)
-    expected = rj.peak_responses(PODIUM, pulses, options=followed(options))
+    found = rj.peak_responses(GIVEN, pulses, options=options)
+    expected = rj.peak_responses(GIVEN, pulses, options=followed(options))
     np.testing.assert_array_equal(found.overturned, expected.overturned)
     for name in (*OUTPUTS, "peak_rotation_time", "uplift_time"):
         np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-9, atol=1e-12)
@@ -33,12 +35,12 @@ def test_pulses_have_the_same_peaks(pulse):
 
 def test_a_row_of_bounces_before_the_main_lobe_takes_few_trials():
     """Columns come to rest between two lobes of a Ricker pulse."""
-    options = rj.Options(outputs=("peak_rotation",))
-    pulses = rj.Ricker(np.linspace(3.31, 3.36, 6), 1.0)
-    podium = rj.Podium(alpha=0.15, R=1.5, gamma=10.0)
+    options = rj.Options(outputs=OUTPUTS)
+    pulses = rj.Ricker(np.linspace(3.332, 3.345, 6), np.ones(6))
+    podium = GIVEN.replace(alpha=0.15)
     found = rj.peak_responses(podium, pulses, options=options)
     expected = rj.peak_responses(podium, pulses, options=followed(options))
-    assert expected.stats.steps.max() > 300
+    assert expected.stats.steps.min() > 300
     assert found.stats.steps.max() < 100
 
 
@@ -90,7 +92,7 @@ def test_hops_that_are_higher_than_all_before_them_are_followed(ratio, spacing):
     """Columns that are released against the ground acceleration strike the ground fast and rock far to the
     other side, where their turning point has a smaller margin."""
     record = rj.Record(np.append(np.full(4, ratio * LIFTS), 0.0), spacing)
-    podium = PODIUM.replace(restitution=0.7 if ratio < 0.5 else "paper")
+    podium = GIVEN.replace(restitution=0.7) if ratio < 0.5 else GIVEN
     options = rj.Options(outputs=("peak_rotation", "margin"))
     for start in (1e-8, 1e-6, 1e-4):
         initial = rj.State(theta=start * podium.alpha)

@@ -115,10 +115,11 @@ def test_rigid_podiums_lift_at_the_root_of_the_pulse(name):
             assert not math.isnan(exact) or name == "MavroeidisPapageorgiou"
 
 
+@pytest.mark.slow(but=["Ricker", "Gabor", "OneCosine"])
 @pytest.mark.parametrize("name", PULSES)
 def test_pairs_lift_at_the_root_of_the_combined_signal(name):
     """The combined signal is |ü_g| − v̈_g tan α; the vertical motion begins before or after the horizontal
-    one."""
+    one. The other pulses are slow here; the test before has them alone."""
     pulse, ricker = PULSES[name], PULSES["Ricker"]
     pair = lambda ratio, T_p, T_v: rj.GroundMotion(pulse.make(ratio * UPLIFT, T_p), rj.Ricker(-6.0, T_v))
     uplift = uplifts()

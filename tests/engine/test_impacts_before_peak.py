@@ -15,17 +15,37 @@ PODIUMS = {
 }
 
 
-@pytest.mark.parametrize("name", PODIUMS)
-def test_the_number_is_that_of_the_history(name):
-    podium, counts = PODIUMS[name], []
-    motions = [rj.Ricker(4.0, 1.0), rj.OneSine(3.0, 0.8), rj.Ricker(1.5, 1.0), *RECORDS]
+RICKER = [rj.Ricker(4.0, 1.0), rj.Ricker(1.5, 1.0)]
+SINE = [rj.OneSine(3.0, 0.8)]
+# The same pulses at the sampling times of the records, which have the program of the records.
+TIMES = 0.02 * np.arange(-150, 151)
+SAMPLED = [rj.Record(np.asarray(pulse(TIMES)), 0.02, t_start=-3.0) for pulse in (*RICKER, *SINE)]
+
+
+def numbers(podium, motions) -> list[int]:
+    """Return the numbers of impacts before the peak, which are those of the histories."""
+    counts = []
     for motion in motions:
         peak = rj.peak_response(podium, motion, options=OUTPUTS)
         times = np.asarray(rj.simulate(podium, motion).impact_times)
         counts.append(int(np.sum(times < float(peak.peak_rotation_time))))
         assert int(peak.impacts_before_peak) == counts[-1]
+    return counts
+
+
+@pytest.mark.parametrize(
+    ("name", "motions"), [("block", [*RICKER, *RECORDS]), ("elastic", [*SAMPLED, *RECORDS])]
+)
+def test_the_number_is_that_of_the_history(name, motions):
+    counts = numbers(PODIUMS[name], motions)
     assert min(counts) == 0
     assert max(counts) >= 3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "motions"), [("block", SINE), ("elastic", [*RICKER, *SINE])])
+def test_the_number_under_other_pulses(name, motions):
+    assert numbers(PODIUMS[name], motions)
 
 
 def test_batches_and_derivatives():

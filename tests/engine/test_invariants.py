@@ -244,9 +244,12 @@ def test_uplifted_frequency_of_the_linearised_engine():
     check()
 
 
-@pytest.mark.slow(but=["none"])
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_batch_single_and_reversed_order_agree(kind):
+    """The order of batches is also in `tests/batch/test_batch.py`, and single scenes are compared with
+    batches in `tests/studies/test_spectra.py` and `test_joint_outputs.py`."""
+
     @examples(4)
     @given(st.lists(scenes(kind), min_size=12, max_size=12))
     def check(some):

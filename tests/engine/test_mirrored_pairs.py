@@ -1,4 +1,6 @@
-"""Elastic podiums under a motion and under its mirror image: equal answers, in equally many steps."""
+"""Elastic podiums under a motion and under its mirror image: equal answers, in equally many steps.
+
+Scenes under a full sine are slow; Ricker pulses and noise run the same code."""
 
 import jax
 import numpy as np
@@ -21,6 +23,7 @@ def assert_mirrored(a, b, names):
         np.testing.assert_array_equal(getattr(a.stats, name), getattr(b.stats, name), err_msg=name)
 
 
+@pytest.mark.slow(but=["ricker"])
 @pytest.mark.parametrize("pulse", PULSES)
 def test_demand_that_just_reaches_or_misses_uplift(pulse):
     """A step in full contact must end where the demand turns, at a positive or a negative value: otherwise
@@ -49,6 +52,7 @@ def test_demand_that_just_reaches_or_misses_uplift(pulse):
         assert_mirrored(positive, negative, ("uplifted", "uplift_time", "peak_rotation"))
 
 
+@pytest.mark.slow(but=["rough", "rest"])
 @pytest.mark.parametrize("motion", ["rough", "rest", "one-sine"])
 def test_random_scenes(motion):
     """Scenes that start at rest are included: there the rates of all quantities are zero."""

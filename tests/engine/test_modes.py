@@ -143,25 +143,24 @@ def check_same(found: rj.Peak, complete: rj.Peak) -> None:
     assert float(found.peak_shear) == pytest.approx(float(complete.peak_shear), abs=1e-9)
 
 
+def tight(top, a_p=PULSE) -> Any:
+    return rj.peak_response(podium(top), rj.OneSine(a_p, T_P), t_end=20.0, options=TIGHT_OPTIONS)
+
+
 def test_modes_of_one_period_are_one_mode():
-    pulse = rj.OneSine(PULSE, T_P)
-    complete = rj.peak_response(podium(rj.Elastic(30.0, 0.5)), pulse, options=TIGHT_OPTIONS)
-    parts = rj.peak_response(podium(rj.Modes((20.0, 10.0), (0.5, 0.5))), pulse, options=TIGHT_OPTIONS)
+    complete, parts = tight(rj.Elastic(30.0, 0.5)), tight(rj.Modes((20.0, 10.0), (0.5, 0.5)))
     check_same(parts, complete)
     np.testing.assert_allclose(parts.peak_deformation, complete.peak_deformation, atol=1e-10)
 
 
 def test_a_mode_without_mass_changes_nothing():
-    pulse = rj.OneSine(PULSE, T_P)
-    complete = rj.peak_response(podium(rj.Elastic(30.0, 0.5)), pulse, options=TIGHT_OPTIONS)
-    structure = podium(rj.Modes((0.0, 30.0), (0.2, 0.5)))
-    more = rj.peak_response(structure, pulse, options=TIGHT_OPTIONS)
+    complete, top = tight(rj.Elastic(30.0, 0.5)), rj.Modes((0.0, 30.0), (0.2, 0.5))
+    more = tight(top)
     check_same(more, complete)
     assert float(more.peak_deformation[1]) == pytest.approx(float(complete.peak_deformation), abs=1e-10)
     # At rest each mode vibrates independently, and the bound of its deformation does not depend on its mass.
-    survives = rj.peak_response(structure, rj.OneSine(2.0, T_P), options=TIGHT_OPTIONS)
-    assert survives.result == rj.RESULTS.settled
-    none = rj.peak_response(podium(rj.Modes((0.0, 0.0), (0.2, 0.5))), pulse, options=TIGHT_OPTIONS)
+    assert tight(top, 2.0).result == rj.RESULTS.settled
+    none = tight(rj.Modes((0.0, 0.0), (0.2, 0.5)))
     assert np.isfinite(none.peak_shear)
     assert np.all(np.isfinite(none.peak_deformation))
 

@@ -105,7 +105,7 @@ def test_nystrom_method_is_as_accurate_as_the_runge_kutta_method(rtol):
         found = np.where(integers["overturned"], np.nan, floats["peak_rotation"])
         return np.nanquantile(np.abs(found - truth) / podium.alpha, 0.99), tally.useful
 
-    tight = rj.Options(rtol=1e-13, atol=1e-15, method=diffrax.Dopri8(), outputs=("peak_rotation",))
+    tight = rj.Options(rtol=1e-13, atol=1e-15, method=diffrax.Dopri8(), outputs=outputs)
     answers = rj.peak_responses(podium, pulses, options=tight)
     truth = np.where(answers.overturned, np.nan, answers.peak_rotation)
     assert np.mean(truth > 0.05 * podium.alpha) > 0.3

@@ -1,4 +1,7 @@
-"""All outputs with each fast-forward switched on and off, and user-defined outputs."""
+"""All outputs with fast-forwards switched on and off, and user-defined outputs.
+
+In the tests that are not slow, all fast-forwards and the certificate are off together, for three structures;
+the slow tests switch them off in turn, for all structures."""
 
 import dataclasses
 import functools
@@ -103,43 +106,82 @@ CASES = [
     for motion in MOTIONS
     if "vertical" not in motion or kind in ("rigid", "building", "rigid with devices")
 ]
-FAST = {("rigid", "rough"), ("building with devices", "Ricker"), ("rigid with devices", "rough and vertical")}
+AT_IMPACTS = "impact_friction", "peak_velocity_jump"
+
+
+@functools.cache
+def usual(kind, motion, outputs):
+    """Return the answers of a scene and the plan of its program."""
+    return solved(PODIUMS[kind], MOTIONS[motion], outputs)
+
+
+def with_every_trial(plan):
+    """Return a plan without fast-forwards whose scenes are not ended by a certificate."""
+    return dataclasses.replace(plan, fast_forwards=(), to_the_end=True)
 
 
 @pytest.mark.parametrize(
-    ("kind", "motion"),
-    [pytest.param(*case, marks=() if case in FAST else pytest.mark.slow) for case in CASES],
+    ("kind", "motion", "joints"),
+    [
+        ("rigid", "rough", False),
+        ("rigid", "rough", True),
+        ("rigid", "rough", None),
+        ("rigid with devices", "rough and vertical", False),
+        ("rigid with devices", "rough and vertical", True),
+        ("rigid with devices", "rough and vertical", None),
+        ("building with devices", "Ricker", False),
+    ],
 )
+def test_no_answer_needs_every_trial(kind, motion, joints):
+    """All fast-forwards and the certificate are switched off together. The outputs are those of the
+    structure, of its joints, or of its impacts."""
+    outputs = AT_IMPACTS if joints is None else outputs_of(PODIUMS[kind], joints)
+    expected, _ = usual(kind, motion, outputs)
+    same(solved(PODIUMS[kind], MOTIONS[motion], outputs, with_every_trial)[0], expected)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "motion"), CASES)
 def test_no_fast_forward_changes_an_output(kind, motion):
     """Each fast-forward and the certificate are switched off in turn, with all outputs of the structure."""
     podium, shaking = PODIUMS[kind], MOTIONS[motion]
-    at_impacts = "impact_friction", "peak_velocity_jump"
-    for outputs in (outputs_of(podium), outputs_of(podium, joints=True), at_impacts):
-        expected, plan = solved(podium, shaking, outputs)
+    for outputs in (outputs_of(podium), outputs_of(podium, joints=True), AT_IMPACTS):
+        expected, plan = usual(kind, motion, outputs)
         changes = [functools.partial(without, name) for name in plan.fast_forwards]
         for change in (*changes, to_the_end):
             same(solved(podium, shaking, outputs, change)[0], expected)
 
 
-@pytest.mark.parametrize("kind", ["rigid", pytest.param("building with devices", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("output", [Unloading(), FrictionUse(0.16)], ids=lambda output: output.name)
+def test_no_margin_needs_every_trial(output):
+    """The outputs of design targets are the same without all fast-forwards and the certificate."""
+    expected, _ = usual("rigid", "rough", (output,))
+    found, _ = solved(PODIUMS["rigid"], MOTIONS["rough"], (output,), with_every_trial)
+    np.testing.assert_allclose(found[output.name], expected[output.name], rtol=2e-7, atol=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["rigid", "building with devices"])
 @pytest.mark.parametrize("output", [Unloading(), FrictionUse(0.16)], ids=lambda output: output.name)
 def test_no_fast_forward_changes_a_margin(kind, output):
     """The outputs of design targets are the same with and without each fast-forward."""
     podium, shaking = PODIUMS[kind], MOTIONS["rough"]
-    expected, plan = solved(podium, shaking, (output,))
+    expected, plan = usual(kind, "rough", (output,))
     for change in (*(functools.partial(without, name) for name in plan.fast_forwards), to_the_end):
         found = solved(podium, shaking, (output,), change)[0]
         np.testing.assert_allclose(found[output.name], expected[output.name], rtol=2e-7, atol=1e-9)
 
 
-@pytest.mark.parametrize("kind", ["rigid", pytest.param("elastic", marks=pytest.mark.slow)])
-def test_an_output_does_not_depend_on_other_requested_outputs(kind):
-    """The other requested outputs determine what is skipped and when the scene ends."""
-    podium = PODIUMS[kind]
-    expected, _ = solved(podium, MOTIONS["rough"], outputs_of(podium))
-    for name in outputs_of(podium):
-        alone, _ = solved(podium, MOTIONS["rough"], (name,))
-        same({y.name: alone[y.name] for y in REGISTRY[name].variables}, expected)
+@pytest.mark.slow(but=["rigid-peak_rotation", "rigid-margin", "rigid-peak_velocity_jump"])
+@pytest.mark.parametrize(
+    ("kind", "name"), [(kind, name) for kind in ("rigid", "elastic") for name in outputs_of(PODIUMS[kind])]
+)
+def test_an_output_does_not_depend_on_other_requested_outputs(kind, name):
+    """The other requested outputs determine what is skipped and when the scene ends. The cases that are not
+    slow are those of the three rules for the end."""
+    expected, _ = usual(kind, "rough", outputs_of(PODIUMS[kind]))
+    alone, _ = usual(kind, "rough", (name,))
+    same({y.name: alone[y.name] for y in REGISTRY[name].variables}, expected)
 
 
 def test_all_fast_forwards_are_allowed_by_all_outputs_of_rigid_podiums():

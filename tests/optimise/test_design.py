@@ -2,6 +2,7 @@
 files."""
 
 import dataclasses
+import functools
 import itertools
 import json
 import math
@@ -553,16 +554,23 @@ RECORDS = rj.synthetic_motions(3, seed=2, duration=4.0, dt=0.04).records()
 HAZARD = rj.Hazard([0.5, 2.0, 8.0, 30.0], [5e-2, 5e-3, 2e-4, 2e-5])
 IN_G = rj.Hazard([0.1, 1.0], [1e-2, 1e-4], units="g")
 OVER_PGD = rj.Hazard([0.1, 1.0], [1e-2, 1e-4], measure="PGD")
-TARGETS = {
-    "rotation": optimise.PeakRotation(0.4, MOTIONS),
-    "shear": optimise.PeakShear(0.5, MOTIONS),
-    "overturning": optimise.NoOverturning(MOTIONS),
+
+
+@functools.cache
+def annual_risk() -> optimise.AnnualFrequency:
+    return optimise.AnnualFrequency(4e-4, HAZARD, RECORDS, width=1e-3)
+
+
+TARGETS = {  # made where they are used, because some of them compute
+    "rotation": lambda: optimise.PeakRotation(0.4, MOTIONS),
+    "shear": lambda: optimise.PeakShear(0.5, MOTIONS),
+    "overturning": lambda: optimise.NoOverturning(MOTIONS),
     # The unit of the acceleration ratio changes too; the median depends on all scales. No window is so narrow
     # that the default width would find another boundary.
-    "ratio": optimise.OverturningAcceleration(3.0, rj.OneSine, [0.9, 1.2], ratio=True, width=1e-3),
-    "median": optimise.MedianCapacity(1.5, MOTIONS, width=1e-3),
-    "risk": optimise.AnnualFrequency(4e-4, HAZARD, RECORDS, width=1e-3),
-    "probability": optimise.OverturningProbability(0.3, MOTIONS, intensity=1.2, smoothing=0.1),
+    "ratio": lambda: optimise.OverturningAcceleration(3.0, rj.OneSine, [0.9, 1.2], ratio=True, width=1e-3),
+    "median": lambda: optimise.MedianCapacity(1.5, MOTIONS, width=1e-3),
+    "risk": annual_risk,
+    "probability": lambda: optimise.OverturningProbability(0.3, MOTIONS, intensity=1.2, smoothing=0.1),
 }
 
 
@@ -571,7 +579,7 @@ TARGETS = {
 def test_margins_have_exact_derivatives(name):
     """Targets on the building, on rotations or with records have an elastic building; the others compile
     faster without one."""
-    target = TARGETS[name]
+    target = TARGETS[name]()
     elastic = name in ("rotation", "shear", "risk")
     podium = DRAWING.replace(width=0.5, period=DRAWING.period if elastic else None).podium()
     options = rj.Options(rtol=1e-11, atol=1e-13, throw=False)
@@ -592,7 +600,7 @@ def test_margins_have_exact_derivatives(name):
 
 @pytest.mark.slow
 def test_the_annual_frequency_of_a_target_is_that_of_the_analysis():
-    podium, target = BLOCK.replace(alpha=0.2), TARGETS["risk"]
+    podium, target = BLOCK.replace(alpha=0.2), annual_risk()
     options = rj.Options(rtol=1e-10, atol=1e-12)
     levels = np.linspace(2.0, 30.0, 4)
     analysis = rj.incremental_dynamic_analysis(podium, RECORDS, levels, options=options)
@@ -652,12 +660,12 @@ def test_overturning_scales_are_unknown_if_simulations_below_them_do_not_finish(
         np.testing.assert_allclose(target.margins(BLOCK, OPTIONS), [0.5, np.nan])
     scales = jnp.array([1.0, 2.0, np.nan])
     assert np.isnan(optimise.MedianCapacity(1.0, MOTIONS).margins_of_scales(scales)).all()
-    assert np.isnan(TARGETS["risk"].margins_of_scales(scales)).all()
+    assert np.isnan(annual_risk().margins_of_scales(scales)).all()
 
 
 def test_without_a_fitted_distribution_the_mean_of_the_scales_counts():
     """Equal scales have no dispersion."""
-    median, risk = optimise.MedianCapacity(1.0, MOTIONS, max_scale=3.0), TARGETS["risk"]
+    median, risk = optimise.MedianCapacity(1.0, MOTIONS, max_scale=3.0), annual_risk()
     for scales, expected in (([0.3, 0.3], 0.3), ([0.75, np.inf], 1.5), ([np.inf, np.inf], 3.0)):
         np.testing.assert_allclose(median.margins_of_scales(jnp.array(scales)), expected - 1)
     rates = np.asarray(HAZARD(jnp.array([2.0, 30.0])))
@@ -721,8 +729,8 @@ def test_probability_counts_and_smooths():
         (lambda: optimise.MedianCapacity(2.0, MOTIONS[:1]), "two motions or more"),
         (lambda: optimise.AnnualFrequency(0.0, HAZARD, RECORDS), "at_most must be"),
         (lambda: optimise.AnnualFrequency(1e-3, [0.1, 1.0], RECORDS), "hazard must be a rockjax.Hazard"),
-        (lambda: optimise.ExpectedLoss(3.0, 1.0, TARGETS["risk"]), "must be a function of a podium"),
-        (lambda: optimise.ExpectedLoss(float, -1.0, TARGETS["risk"]), "loss must be"),
+        (lambda: optimise.ExpectedLoss(3.0, 1.0, annual_risk()), "must be a function of a podium"),
+        (lambda: optimise.ExpectedLoss(float, -1.0, annual_risk()), "loss must be"),
         (lambda: optimise.ExpectedLoss(float, 1.0, HAZARD), "risk must be an optimise.AnnualFrequency"),
         (lambda: optimise.AnnualFrequency(1e-3, IN_G, RECORDS), r"got 'g'; convert it with hazard\.in_si"),
         (lambda: optimise.AnnualFrequency(1e-5, HAZARD, RECORDS), "give a higher max_intensity"),
