@@ -43,12 +43,31 @@ def write_atomically(path: str | Path, write: Callable[[str], object]) -> Path:
         os.replace(name, path)
     except BaseException as error:
         Path(name).unlink(missing_ok=True)
-        if isinstance(error, OSError | RuntimeError):  # the netCDF libraries raise RuntimeError
+        is_explained = "could not be written" in str(error)  # by the writer of a file within `write`
+        if isinstance(error, OSError | RuntimeError) and not is_explained:  # netCDF raises RuntimeError
             raise OSError(
                 f"{path} could not be written: {getattr(error, 'strerror', None) or error}"
             ) from error
         raise
     return path
+
+
+def require_writable(path: Path) -> None:
+    """Raise `OSError` if a file cannot be written to a path.
+
+    The check writes a temporary file into the folder of the path. If this folder does not exist, the check
+    uses the nearest folder above it that exists.
+    """
+    if path.is_dir():
+        raise OSError(f"{path} could not be written: it is a folder")
+    folder = path.parent
+    while not folder.exists() and folder != folder.parent:
+        folder = folder.parent
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise OSError(f"{path} could not be written: {error.strerror}") from None
 
 
 @contextlib.contextmanager

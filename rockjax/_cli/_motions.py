@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from rockjax._files import require_writable
 from rockjax._problem import models
 from rockjax._problem.models import MOTION, OUTPUT
 
 from ._options import argument, option, options_of
-from ._outputs import parse_outputs, require_writable
+from ._outputs import parse_outputs
 from ._request import read_records
 from ._run import Console, command
 

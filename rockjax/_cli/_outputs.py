@@ -4,10 +4,11 @@ compute results."""
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
+
+from rockjax._files import require_writable
 
 PICTURES = (".png", ".pdf", ".svg", ".eps", ".jpg", ".jpeg", ".tif", ".tiff", ".webp")
 DATA = (".nc", ".json")  # formats of data files
@@ -97,21 +98,3 @@ def store_path(text: str) -> str | Path:
         output /= "rockjax-sweep.zarr"
     require_writable(output / "zarr.json")
     return output
-
-
-def require_writable(path: Path) -> None:
-    """Raise `OSError` if a file cannot be written to a path.
-
-    The check writes a temporary file into the folder of the path. If this folder does not exist, the check
-    uses the nearest folder above it that exists.
-    """
-    if path.is_dir():
-        raise OSError(f"{path} could not be written: it is a folder")
-    folder = path.parent
-    while not folder.exists() and folder != folder.parent:
-        folder = folder.parent
-    try:
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        raise OSError(f"{path} could not be written: {error.strerror}") from None

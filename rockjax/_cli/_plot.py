@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
+from rockjax._files import require_writable
 from rockjax._problem.models import OUTPUT
 
 from ._options import argument, option
-from ._outputs import Outputs, parse_outputs, require_writable
+from ._outputs import Outputs, parse_outputs
 from ._run import Console, command
 
 

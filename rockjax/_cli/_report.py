@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
+from rockjax._files import require_writable
 from rockjax._problem.models import OUTPUT
 
 from ._context import COMMAND
@@ -77,6 +78,9 @@ def report(
         require_library()
     skipped = tuple(name.strip() for name in skip.split(",") if name.strip())
     problem = problem_of(request.tables, request.path)
+    for path in (csv and csv / "summary.csv", xlsx):
+        if path is not None:
+            require_writable(path)
     command_line = _command([path for path in (request.path, output, csv, xlsx) if path is not None])
     with console.progress(None, "scenes") as bar:
         try:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rockjax._files import interruption_delayed, write_atomically
+from rockjax._files import interruption_delayed, require_writable, write_atomically
 from rockjax._machine.threads import TABLE_MODULES, import_in_background
 
 from .assemble import page_of, units_of
@@ -95,20 +95,31 @@ def _writer(content: bytes) -> Any:
     return lambda name: Path(name).write_bytes(content)
 
 
-def _write_both(first: tuple[Path, bytes], second: tuple[Path, bytes]) -> list[Path]:
-    """Write two files, pairs (path, content), and return their paths. If an error prevents the writing of one
-    file, both keep their old contents. Ctrl-C takes effect only after both files are written."""
+def _write_both(
+    first: tuple[Path, bytes], second: tuple[Path, bytes], save: Callable[[], Path | None] = lambda: None
+) -> list[Path]:
+    """Write two files, pairs (path, content), and return the paths of all written files. If an error prevents
+    the writing of one file, or the call of `save`, both keep their old contents. Ctrl-C takes effect only
+    after all files are written.
+
+    - `save`: function that writes a third file and returns its path; None if it writes none
+    """
     (path, content), (other, other_content) = first, second
     old = other.read_bytes() if other.is_file() else None
+    saved: list[Path | None] = []
     written: list[Path] = []
+
+    def write_other(name: str) -> None:
+        _writer(other_content)(name)
+        saved.append(save())
 
     def write(name: str) -> None:
         _writer(content)(name)
-        written.append(write_atomically(other, _writer(other_content)))
+        written.append(write_atomically(other, write_other))
 
     with interruption_delayed():
         try:
-            return [write_atomically(path, write), *written]
+            return [write_atomically(path, write), *written, *filter(None, saved)]
         except BaseException:
             if written and old is None:
                 other.unlink()
@@ -141,14 +152,18 @@ def report(
 
     Returns a [`rockjax.Report`][]. Raises `ValueError`, before anything is solved, for a problem file that is
     invalid or cannot be read, for unknown units or unknown names in `skip`, and for an `output` whose suffix
-    is neither .html nor .htm. Raises `OSError` for files that cannot be written. For a PDF, print the page
-    from a browser.
+    is neither .html nor .htm. Raises `OSError` for files that cannot be written, if possible before anything
+    is solved; an older page and its numbers then keep their contents. For a PDF, print the page from a
+    browser.
     """
     path = None if output is None else Path(os.path.expanduser(output))
     if path is not None and path.suffix.lower() not in (".html", ".htm"):
         raise ValueError(
             f"report: output must be a .html file, got {path.name}; for a PDF, print the page from a browser"
         )
+    if path is not None:
+        for suffix in (path.suffix, ".json", ".nc"):
+            require_writable(path.with_suffix(suffix))
     if isinstance(problem, Evaluation):
         evaluation = problem
     else:
@@ -173,6 +188,6 @@ def report(
         result = Report(evaluation, page_of(evaluation, chosen, command), chosen)
         if path is None:
             return result
-        written = _write_both((path, result.html.encode()), (path.with_suffix(".json"), result.json.encode()))
-    saved = evaluation.scenes.store.save()
-    return dataclasses.replace(result, written=(*written, *([saved] if saved else [])))
+        page, numbers = (path, result.html.encode()), (path.with_suffix(".json"), result.json.encode())
+        written = _write_both(page, numbers, evaluation.scenes.store.save)
+    return dataclasses.replace(result, written=tuple(written))

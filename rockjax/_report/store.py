@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 def fingerprint(*values: Any) -> str:
     """Return a hash of pytrees, of the versions of the libraries and of the source of this package. A leaf
     that is neither a number nor an array is hashed by its `repr`."""
-    entries: list[str] = [json.dumps(describe_versions(), sort_keys=True), _source()]
+    entries: list[str] = [_versions(), _source()]
     for value in values:
         leaves, treedef = jax.tree.flatten(value)
         entries.append(str(treedef))
@@ -41,6 +41,12 @@ def fingerprint(*values: Any) -> str:
             else:
                 entries.append(repr(leaf))
     return hashlib.sha256("\n".join(entries).encode()).hexdigest()
+
+
+@functools.cache
+def _versions() -> str:
+    """Return the versions of the libraries, which take milliseconds to find."""
+    return json.dumps(describe_versions(), sort_keys=True)
 
 
 def _source() -> str:
@@ -171,12 +177,14 @@ class Store:
     @contextlib.contextmanager
     def saved_on_interruption(self) -> Iterator[None]:
         """If an exception, such as Ctrl-C, ends the `with` block, stop the computations in other threads and
-        write an unfinished store."""
+        write an unfinished store. If the exception is that a file cannot be written, an unfinished store that
+        cannot be written either is no further error."""
         try:
             yield
-        except BaseException:
+        except BaseException as error:
             self._stop.set()
-            self.save_unfinished()
+            with contextlib.suppress(OSError if isinstance(error, OSError) else ()):
+                self.save_unfinished()
             raise
 
     def save_unfinished(self) -> None:

@@ -1,8 +1,10 @@
-"""Chromium for the tests of pages, which are skipped without it."""
+"""Chromium for the tests of pages, which are skipped without it, and a solved report."""
 
 import shutil
 
 import pytest
+
+from .solved import solve
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
@@ -16,3 +18,8 @@ def browser():
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
         yield browser
         browser.close()
+
+
+@pytest.fixture(scope="session")
+def solved(tmp_path_factory):
+    return solve(tmp_path_factory.mktemp("solved"))

@@ -3,6 +3,7 @@
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -221,10 +222,42 @@ def test_the_home_folder_has_the_store_of_a_report(tmp_path, monkeypatch):
             command()
 
 
-def test_scenes_are_kept_if_the_page_cannot_be_written(tmp_path):
+def test_scenes_are_kept_if_the_page_cannot_be_written(tmp_path, monkeypatch):
+    path, page, write = tmp_path / "problem.toml", tmp_path / "page.html", Path.write_bytes
+
+    def refuse(name, content):
+        if name.suffix == ".html":
+            raise OSError(28, "No space left on device")
+        return write(name, content)
+
+    path.write_text(PROBLEM)
+    monkeypatch.setattr(Path, "write_bytes", refuse)
+    with pytest.raises(OSError, match=r"page\.html could not be written: No space left"):
+        rj.report(path, page, skip=("methods",))
+    assert (tmp_path / "page.partial.nc").exists()
+
+
+def test_a_folder_at_the_path_of_the_page_is_reported_before_anything_is_solved(tmp_path, monkeypatch):
     path = tmp_path / "problem.toml"
     path.write_text(PROBLEM)
-    (tmp_path / "page.html").mkdir()
-    with pytest.raises(OSError, match=r"page\.html could not be written"):
-        rj.report(path, tmp_path / "page.html", skip=("methods",))
-    assert (tmp_path / "page.partial.nc").exists()
+    monkeypatch.setattr("rockjax._report.report.evaluate_with_store", None)
+    for suffix in (".html", ".json", ".nc"):
+        page = tmp_path / f"folder-at{suffix}"
+        page.mkdir()
+        with pytest.raises(OSError, match=rf"folder-at\{suffix} could not be written: it is a folder"):
+            rj.report(path, page.with_suffix(".html"), skip=("methods",))
+        page.rmdir()
+
+
+def test_an_error_of_a_file_is_not_replaced_by_that_of_the_unfinished_store(tmp_path, monkeypatch):
+    """A full disk refuses the unfinished store as well; after Ctrl-C, its error is the only one."""
+
+    def refuse(store, path):
+        raise OSError("page.partial.nc could not be written")
+
+    monkeypatch.setattr(Store, "_write", refuse)
+    for error, expected in ((OSError("page.html"), "^page.html"), (KeyboardInterrupt(), "page.partial.nc")):
+        store = Store(tmp_path / "page.nc")
+        store.get("a", "inputs", lambda: numbers(2.0))
+        with pytest.raises(OSError, match=expected), store.saved_on_interruption():
+            raise error

@@ -22,11 +22,12 @@ def section(evaluation: Evaluation, units: Units) -> Section:
     """Return section 12 of the page."""
     del units
     problem = evaluation.problem
-    # Histories are not counted, because only new pictures need them. Searches store no scenes.
+    # Histories and scenes under multiples of a motion are not counted, because only new pictures need them.
+    # Searches store no scenes.
     scenes = sum(
         int(data["result"].size)
         for name, data in evaluation.scenes.store.used.items()
-        if "result" in data and not name.startswith("history.")
+        if "result" in data and not name.startswith(("history.", "factors."))
     )
     rows = [
         ("rockjax", __version__),
@@ -34,7 +35,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
         ("Python", platform.python_version()),
         ("Platform", f"{platform.system()} {platform.machine()}"),
         ("Problem file", f"{problem.path.name}, SHA-256 {problem.sha256}"),
-        ("Scenes of this report, without searches and histories", str(scenes)),
+        ("Scenes of this report, without those of searches and pictures", str(scenes)),
     ]
     rows += [(label, _digest(problem, name)) for label, name in _files(problem).items()]
     members = [member for motions in problem.motions.values() for member in motions.members]
