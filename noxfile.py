@@ -50,8 +50,10 @@ def types(session: nox.Session) -> None:
 
 @nox.session(default=False)
 def docs(session: nox.Session) -> None:
-    """Build the site in `site/`; `-- serve` shows the site and rebuilds it after changes."""
+    """Build the site in `site/`, with new reports of the gallery; `-- serve` shows the site and rebuilds it
+    after changes."""
     session.install("-e", ".[docs]")
+    session.run("python", "docs/reports.py")
     command = session.posargs or ["build", "--strict", "--site-dir", "site"]
     session.run("mkdocs", *command, env={"NO_MKDOCS_2_WARNING": "1"})
 
