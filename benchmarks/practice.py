@@ -4,6 +4,12 @@
 2π/p = 2 … 8 s under synthetic motions, half of them with a pulse of 0.6–3.5 s, scaled to
 PGA/(g tan α) = 1.2 … 6. It prints the tables of docs/practice.md and writes benchmarks/results/practice.json.
 
+`python -m benchmarks.practice elastic [N]` compares (P1) and (P2) with the exact uplift of N elastic
+buildings (10⁴ by default), and writes benchmarks/results/practice-elastic.json.
+`python -m benchmarks.practice circolare [MOTIONS]` repeats only the rows of (P7) that state the ratio of PGA
+or the rotation of the method, at four ratios under all motions (or some of them), and replaces these rows of
+practice.json.
+
 All blocks of one α share the response spectra of a motion: the periods of the methods (P3) to (P5) are
 inversely proportional to p, and p and the periods form geometric sequences. All spectral values are therefore
 exact; only the roots between two points of a scan are interpolated.
@@ -28,16 +34,20 @@ from rockjax._practice.block import Block
 from rockjax._practice.circolare import SLV, Mechanism
 from rockjax._practice.roots import HIGHEST, LOWEST
 from rockjax._practice.spectra import spectrum
+from rockjax._practice.spectral_uplift import _modes as modes_of
 from rockjax._results import code_of, did_not_finish
 
-from .measure import G, options, show, store_rows
+from .measure import G, options, show, store_rows, stored_rows
 
 SLENDERNESS = np.radians([10.0, 15.0, 20.0])  # α [rad]
 SIZES = 40  # number of values of 2π/p
 SHORTEST, LONGEST = 2.0, 8.0  # range of 2π/p [s]
 STEPS = {"(P3)": 9, "(P4)": 9, "(P5)": 15, "(P7)": 9}  # steps of a scan between two values of p
-RATIOS = np.geomspace(1.2, 6.0, 28)  # PGA/(g tan α)
+Q = 2.0  # behaviour factor of (P7)
+RATIOS = np.union1d(np.geomspace(1.2, 6.0, 28), Q)  # PGA/(g tan α)
+FEW_RATIOS = np.array([1.2, Q, 3.4, 6.0])
 LEAST_STEPS = 1000  # smallest number of steps of a scan
+FULL = 287  # number of motions of 10⁶ scenes
 LEAST_ROTATION = 0.01  # θ/α above which rotations are compared
 DT, DURATION, PGA = 0.02, 20.0, 0.3 * G
 ROTATION_COLUMNS = (
@@ -51,6 +61,7 @@ ROTATION_COLUMNS = (
     "95 %",
     "several answers",
 )
+UPLIFT_COLUMNS = ("method", "buildings", "unsafe", "least", "5 %", "50 %", "95 %", "largest")
 ACCEPTANCE_COLUMNS = (
     "method",
     "scenes",
@@ -187,21 +198,24 @@ class Slenderness:
             answers[name] = Answers.of(scan.phi, critical, factors)
         return answers
 
-    def displacement_ratio(self, periods: np.ndarray, largest: np.ndarray, motion: rj.Motion) -> np.ndarray:
+    def displacement_ratio(
+        self, periods: np.ndarray, largest: np.ndarray, motion: rj.Motion, ratios: np.ndarray
+    ) -> np.ndarray:
         """Return the demand of (P7) divided by d_0, shape (sizes, ratios).
 
         - `periods`: periods [s]; `largest`: largest S_d up to each period, at 8 % damping [m]
+        - `ratios`: PGA/(g tan α) of the scaled motion
         """
         demand = np.array(
             [np.interp(y.period(SLV), periods, largest) / y.displacement for y in self.mechanisms]
         )
-        return demand[:, None] * RATIOS * self.unit / motion.pga
+        return demand[:, None] * ratios * self.unit / motion.pga
 
-    def exact(self, records: rj.Records, peaks: np.ndarray) -> np.ndarray:
+    def exact(self, records: rj.Records, peaks: np.ndarray, ratios: np.ndarray) -> np.ndarray:
         """Return the exact max|θ|/α, shape (motions, sizes, ratios): 1 for overturning, NaN for scenes that
         did not finish, which the tables omit."""
         R = np.array([block.R for block in self.blocks])[:, None]
-        factor = RATIOS * self.unit / peaks[:, None, None]
+        factor = ratios * self.unit / peaks[:, None, None]
         picked = records.pick(np.arange(peaks.size)[:, None, None])
         responses = rj.peak_responses(
             rj.Podium(self.alpha, R), picked.scaled(factor), options=options(1e-7), threads=1
@@ -244,53 +258,177 @@ def acceptance_row(name: str, passes: np.ndarray, exact: np.ndarray) -> dict[str
     }
 
 
-def main(scenes: int = 10**6) -> None:
-    start = time.process_time()
-    count = max(2, round(scenes / (SLENDERNESS.size * SIZES * RATIOS.size)))
-    suite = motions(count)
-    records = rj.Records.of(list(suite))
-    peaks = np.array([motion.pga for motion in suite])
-    families = [Slenderness(alpha) for alpha in SLENDERNESS]
-    exact = np.stack([family.exact(records, peaks) for family in families], axis=1)
-    print(f"exact answers of {exact.size} scenes after {time.process_time() - start:.0f} s", flush=True)
-    for k, j, i, r in np.argwhere(np.isnan(exact)):
-        print(f"not finished: motion {k}, slenderness {j}, size {i}, ratio {r}", flush=True)
-    rotation = {name: np.empty(exact.shape) for name in ("(P3)", "(P4)", "(P5)")}
-    answers = {name: np.empty(exact.shape, int) for name in rotation}
-    displacement = np.empty(exact.shape)
+def circolare_rows(displacement: np.ndarray, exact: np.ndarray, ratios: np.ndarray) -> list[dict[str, Any]]:
+    """Return the rows of (P7) that state the ratio of PGA or the rotation of the method.
+
+    - `displacement`: demand divided by d_0, shape (motions, slenderness, sizes, ratios). It is also the
+      rotation θ/α of the method, because d_0 is the displacement at θ = α, to first order in α
+    - `exact`: exact max|θ|/α of the same scenes, 1 for overturning, NaN for scenes that did not finish
+    - `ratios`: PGA/(g tan α), among them `Q`
+    """
+    at_limit, name = exact[..., ratios == Q], f"(P7) q = 2, PGA = {Q:.2f} g tan α"
+    rotation = np.minimum(displacement, 1.0)
+    return [
+        acceptance_row(name, np.ones(at_limit.shape, bool), at_limit),
+        rotation_row("(P7) rotation", rotation, np.ones(exact.shape, int), exact),
+    ]
+
+
+def displacements(families: list[Slenderness], suite: rj.Motions, ratios: np.ndarray) -> np.ndarray:
+    """Return the demand of (P7) divided by d_0, shape (motions, slenderness, sizes, ratios)."""
     longest = max(each.period(SLV) for family in families for each in family.mechanisms)
     periods = np.geomspace(2 * DT, longest, 1200)
-    for k, motion in enumerate(suite):
+    rows = []
+    for motion in suite:
         largest = np.maximum.accumulate(spectrum(motion, periods, SLV.damping, "displacement"))
-        for j, family in enumerate(families):
-            for name, method_answers in family.answers(motion).items():
-                rotation[name][k, j], answers[name][k, j] = method_answers.rotation, method_answers.count
-            displacement[k, j] = family.displacement_ratio(periods, largest, motion)
-    rows = [rotation_row(name, rotation[name], answers[name], exact) for name in rotation]
-    at_limit = int(np.flatnonzero(RATIOS <= 2)[-1])
-    rows += [
-        acceptance_row("(P7) displacement", displacement <= SLV.share, exact),
-        acceptance_row(
-            "(P7) q = 2", np.broadcast_to(RATIOS <= 2, exact.shape), exact
-        ),
-        acceptance_row(
-            f"(P7) q = 2, PGA = {RATIOS[at_limit]:.2f} g tan α",
-            np.ones(exact.shape, bool)[..., at_limit],
-            exact[..., at_limit],
-        ),
-    ]  # fmt: skip
+        rows.append([family.displacement_ratio(periods, largest, motion, ratios) for family in families])
+    return np.array(rows)
+
+
+def exact_rotations(families: list[Slenderness], suite: rj.Motions, ratios: np.ndarray) -> np.ndarray:
+    """Return the exact max|θ|/α, shape (motions, slenderness, sizes, ratios), as `Slenderness.exact`."""
+    records, peaks = rj.Records.of(list(suite)), np.array([motion.pga for motion in suite])
+    return np.stack([family.exact(records, peaks, ratios) for family in families], axis=1)
+
+
+def circolare(count: int = FULL) -> None:
+    """Repeat only the rows of `circolare_rows`, at few ratios of PGA.
+
+    - `count`: number of motions, evenly spaced in the motions of the survey
+    """
+    start = time.process_time()
+    suite = motions(FULL)[:: max(1, FULL // count)]
+    families = [Slenderness(alpha) for alpha in SLENDERNESS]
+    exact = exact_rotations(families, suite, FEW_RATIOS)
+    rows = circolare_rows(displacements(families, suite, FEW_RATIOS), exact, FEW_RATIOS)
+    _describe(rows, exact, start)
+    names = {row["method"] for row in rows}
+    others = [row for row in stored_rows("practice") if row["method"] not in names]
+    store_rows("practice", others + rows)
+    show(rows[:1], ACCEPTANCE_COLUMNS)
+    show(rows[1:], ROTATION_COLUMNS)
+
+
+def _describe(rows: list[dict[str, Any]], exact: np.ndarray, start: float) -> None:
+    """Add number of motions, unfinished and overturned scenes, date and CPU time to rows."""
     for row in rows:
         row |= {
-            "motions": count,
+            "motions": exact.shape[0],
             "not finished": int(np.isnan(exact).sum()),
             "exact overturned": float(np.nanmean(np.where(np.isnan(exact), np.nan, exact == 1))),
             "date": datetime.date.today().isoformat(),
             "CPU s": round(time.process_time() - start),
         }
+
+
+def building(rng: np.random.Generator) -> rj.Podium:
+    """Return a random building of 1 to 8 equal stories, T_1 = 0.1 … 2 s, ζ = 2 … 5 %, γ = 1 … 30 and
+    η/γ = 1 … 10, on columns of a slenderness of the survey."""
+    log_uniform = lambda low, high: math.exp(rng.uniform(math.log(low), math.log(high)))
+    gamma = log_uniform(1.0, 30.0)
+    stories, eta, T = int(rng.integers(1, 9)), gamma * log_uniform(1.0, 10.0), log_uniform(0.1, 2.0)
+    top = rj.ShearBuilding.uniform(stories, eta, T, rng.uniform(0.02, 0.05)).modes
+    return rj.Podium(float(rng.choice(SLENDERNESS)), 2.0, gamma, top)
+
+
+def largest_demand(podium: rj.Podium, motion: rj.Motion, parts: int = 6) -> float:
+    """Return the largest |q|/q_up of a building with modes on resting columns, Eq. (9), at `parts` instants
+    of each sampling interval h.
+
+    With z = ẋ + ζωx + iω_d x, each mode is z⁺ = e^{λh}z − ∫e^{λ(h−s)}ü_g ds.
+    """
+    from scipy.signal import lfilter
+
+    top: Any = podium.superstructure
+    w, eta = 2 * np.pi / np.asarray(top.T), np.asarray(top.eta)
+    zeta = np.broadcast_to(top.zeta, eta.shape)
+    gamma = float(podium.gamma) + float(top.residual)
+    h, count = motion.dt / parts, len(motion)
+    a = np.interp(np.arange(parts * (count - 1) + 1) / parts, np.arange(count), motion.acceleration)
+    q = a.copy()
+    for omega, damping, mass in zip(w, zeta, eta, strict=True):
+        pole = omega * (-damping + 1j * math.sqrt(1 - damping**2))
+        decay = np.exp(pole * h)
+        both, slope = (decay - 1) / pole, (decay - 1 - pole * h) / (pole**2 * h)
+        z: Any = lfilter([-slope, slope - both], [1, -decay], a)
+        z -= lfilter([1], [1, -decay], a[0] * np.append(-slope, np.zeros(a.size - 1)))  # starts from rest
+        x = z.imag / pole.imag
+        q -= (
+            2 * mass / (1 + 2 * gamma) * (omega**2 * x + 2 * damping * omega * (z.real - damping * omega * x))
+        )
+    ratio = (1 + 2 * gamma + 2 * float(eta.sum())) / (1 + 2 * gamma)
+    return float(np.abs(q).max()) / (G * math.tan(podium.alpha) * ratio)
+
+
+def uplift_ratios(podium: rj.Podium, motion: rj.Motion) -> dict[str, float]:
+    """Return, by method, the least PGA that lifts the columns divided by that of the method [–]."""
+    unit = G * math.tan(podium.alpha)
+    demand = largest_demand(podium, motion) * unit
+    gamma, eta = map(float, podium.mass_ratios)
+    eta_i, T_i, zeta_i = modes_of(podium)
+    terms = np.array(
+        [(1 + 2 * gamma) * motion.pga, *(2 * eta_i * spectrum(motion, T_i, zeta_i, "acceleration"))]
+    )
+    total = 1 + 2 * gamma + 2 * eta
+    return {
+        "(P1)": motion.pga / demand,
+        "(P2)": float(terms.sum()) / total / demand,
+        "(P2) with SRSS": float(np.sqrt((terms**2).sum())) / total / demand,
+    }
+
+
+def elastic(count: int = 10**4) -> None:
+    """Compare (P1) and (P2) with the exact uplift of elastic buildings, each under one motion."""
+    start, rng, suite = time.process_time(), np.random.default_rng(2), motions(100)
+    found = [uplift_ratios(building(rng), suite[k % len(suite)]) for k in range(count)]
+    rows = []
+    for name in found[0]:
+        ratios = np.array([row[name] for row in found])
+        quantiles = np.quantile(ratios, [0.0, 0.05, 0.5, 0.95, 1.0]).tolist()
+        rows.append(
+            {
+                "method": name,
+                "buildings": count,
+                "motions": len(suite),
+                "unsafe": float(np.mean(ratios < 1 - 1e-9)),
+            }
+            | dict(zip(UPLIFT_COLUMNS[3:], quantiles, strict=True))
+            | {"date": datetime.date.today().isoformat(), "CPU s": round(time.process_time() - start)}
+        )
+    store_rows("practice-elastic", rows)
+    show(rows, UPLIFT_COLUMNS)
+
+
+def main(scenes: int = 10**6) -> None:
+    start = time.process_time()
+    count = max(2, round(scenes / (SLENDERNESS.size * SIZES * RATIOS.size)))
+    suite = motions(count)
+    families = [Slenderness(alpha) for alpha in SLENDERNESS]
+    exact = exact_rotations(families, suite, RATIOS)
+    print(f"exact answers of {exact.size} scenes after {time.process_time() - start:.0f} s", flush=True)
+    for k, j, i, r in np.argwhere(np.isnan(exact)):
+        print(f"not finished: motion {k}, slenderness {j}, size {i}, ratio {r}", flush=True)
+    rotation = {name: np.empty(exact.shape) for name in ("(P3)", "(P4)", "(P5)")}
+    answers = {name: np.empty(exact.shape, int) for name in rotation}
+    for k, motion in enumerate(suite):
+        for j, family in enumerate(families):
+            for name, method_answers in family.answers(motion).items():
+                rotation[name][k, j], answers[name][k, j] = method_answers.rotation, method_answers.count
+    displacement = displacements(families, suite, RATIOS)
+    rows = [rotation_row(name, rotation[name], answers[name], exact) for name in rotation]
+    rows += [
+        acceptance_row("(P7) displacement", displacement <= SLV.share, exact),
+        acceptance_row("(P7) q = 2", np.broadcast_to(RATIOS <= Q, exact.shape), exact),
+        *circolare_rows(displacement, exact, RATIOS),
+    ]
+    _describe(rows, exact, start)
     store_rows("practice", rows)
-    show(rows[:3], ROTATION_COLUMNS)
-    show(rows[3:], ACCEPTANCE_COLUMNS)
+    show([*rows[:3], rows[-1]], ROTATION_COLUMNS)
+    show(rows[3:-1], ACCEPTANCE_COLUMNS)
 
 
 if __name__ == "__main__":
-    main(*(int(float(y)) for y in sys.argv[1:2]))
+    parts = {"elastic": elastic, "circolare": circolare}
+    part = parts.get(sys.argv[1]) if sys.argv[1:] else None
+    numbers = [int(float(y)) for y in sys.argv[(1 if part is None else 2) :]]
+    (part or main)(*numbers)

@@ -8,14 +8,20 @@ track=, parallel=, record=(times, samples))` that solves the scales of one recor
 
 Writes the tables to `benchmarks/results/records.json` and the picture to
 `docs/images/records-precision.png`.
+
+`python -m benchmarks.records --ensemble 10000` only solves an ensemble of 10 000 random elastic podiums under
+records of 10 s, and writes `benchmarks/results/ensemble.json`.
 """
 
 from __future__ import annotations
 
 import argparse
+import datetime
 import functools
 import importlib.util
 import math
+import os
+import platform
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -28,11 +34,13 @@ import rockjax as rj
 from .measure import (
     IMAGES,
     PERIODS,
+    ROTATION,
     Family,
     G,
     difference_quantiles,
     options,
     podium,
+    report,
     rotations_and_outcomes,
     shortest_time,
     show,
@@ -126,6 +134,41 @@ def compare_times(suite: Suite, peer: ModuleType | None) -> list[dict[str, Any]]
     return rows
 
 
+def ensemble(scenes: int) -> list[dict[str, Any]]:
+    """Return the time of an ensemble of random podiums with T_s ≈ 0.5 s under 20 records of 10 s, at
+    rtol = 1e-8, for the rotation alone and for all peaks with estimated errors."""
+    from scipy import stats
+
+    base = podium(Family(0.5, np.zeros(0), np.zeros(0))).replace(restitution=0.9)
+    motions = rj.synthetic_motions(
+        RECORDS, seed=1, dt=DT, duration=10.0, pga=2.0 * G * math.tan(Family.alpha)
+    )
+    spread = {
+        "alpha": stats.truncnorm(-3.0, 3.0, Family.alpha, 0.05 * Family.alpha),
+        "restitution": stats.uniform(0.85, 0.1),
+        "T_s": stats.lognorm(0.1, scale=0.5),
+        "zeta": stats.uniform(0.02, 0.06),
+        "initial.theta": stats.norm(0.0, 0.001),
+    }
+    rows = []
+    for outputs in (ROTATION, (*PEAKS, "errors")):
+        solve = lambda outputs=outputs: rj.ensemble(
+            base, motions, spread=spread, n=scenes, seed=1, options=options(1e-8, outputs=outputs)
+        )
+        seconds, found = shortest_time(solve, 3), solve()
+        counts = found.counts | {"uplifted": int(np.sum(found.data["uplifted"]))}
+        machine = {"cpu": _cpu(), "load": os.getloadavg()[0], "date": datetime.date.today().isoformat()}
+        rows.append({"outputs": " ".join(outputs), "seconds": seconds} | counts | machine)
+    return rows
+
+
+def _cpu() -> str:
+    """Return the name of the processor."""
+    lines = Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor()
+
+
 def draw(rows: list[dict[str, Any]]) -> None:
     import matplotlib
 
@@ -163,7 +206,11 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--peer", type=Path, help="a file with another implementation")
+    parser.add_argument("--ensemble", type=int, metavar="SCENES", help="solve only an ensemble")
     arguments = parser.parse_args()
+    if arguments.ensemble:
+        report("ensemble", ensemble(arguments.ensemble))
+        return
     peer = None if arguments.peer is None else _module(arguments.peer)
     suite = Suite()
     times = compare_times(suite, peer)

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.linalg import expm
-from scipy.signal import lfilter
 
 import rockjax as rj
+from benchmarks.practice import largest_demand
 from rockjax._oscillators import RESPONSES
 from rockjax._practice import asce_sliding, spectra
 from rockjax._practice.registry import METHODS
@@ -110,31 +110,6 @@ def buildings(count: int, seed: int):
         podium = rj.Podium(rng.uniform(0.05, 0.4), 2.0, rng.choice([0.0, rng.exponential(5.0)]), top)
         samples = np.cumsum(rng.normal(size=30)) * rng.normal(size=30)
         yield podium, rj.Motion(samples, rng.choice([0.01, 0.1]))
-
-
-def largest_demand(podium: rj.Podium, motion: rj.Motion, parts: int = 6) -> float:
-    """Return the largest |q|/q_up of the linear building on resting columns, Eq. (9), at substeps h.
-
-    With z = ẋ + ζωx + iω_d x, each mode is z⁺ = e^{λh}z − ∫e^{λ(h−s)}ü_g ds.
-    """
-    top: Any = podium.superstructure
-    w, zeta, eta = 2 * np.pi / np.asarray(top.T), np.asarray(top.zeta), np.asarray(top.eta)
-    gamma = float(podium.gamma) + float(top.residual)
-    h, count = motion.dt / parts, len(motion)
-    a = np.interp(np.arange(parts * (count - 1) + 1) / parts, np.arange(count), motion.acceleration)
-    q = a.copy()
-    for omega, damping, mass in zip(w, zeta, eta, strict=True):
-        pole = omega * (-damping + 1j * math.sqrt(1 - damping**2))
-        decay = np.exp(pole * h)
-        both, slope = (decay - 1) / pole, (decay - 1 - pole * h) / (pole**2 * h)
-        z: Any = lfilter([-slope, slope - both], [1, -decay], a)
-        z -= lfilter([1], [1, -decay], a[0] * np.append(-slope, np.zeros(a.size - 1)))  # starts from rest
-        x = z.imag / pole.imag
-        q -= (
-            2 * mass / (1 + 2 * gamma) * (omega**2 * x + 2 * damping * omega * (z.real - damping * omega * x))
-        )
-    ratio = (1 + 2 * gamma + 2 * float(eta.sum())) / (1 + 2 * gamma)
-    return float(np.abs(q).max()) / (G * math.tan(podium.alpha) * ratio)
 
 
 @pytest.mark.parametrize("count", [150, pytest.param(10_000, marks=pytest.mark.slow)])
