@@ -63,6 +63,28 @@ def test_attributes_that_only_some_motions_have():
     assert found["record_seed"] == ["", "", 7]
 
 
+def test_lists_of_motions_keep_sources_and_seeds():
+    (motion,) = rj.synthetic_motions(1, seed=7, duration=4.0)
+    assert describe_motions([motion, motion]) == describe_motions(rj.Motions((motion, motion)))
+    mixed = describe_motions([[rj.Ricker(2.0, 1.0)], motion, rj.Record(SAMPLES, 0.05)])
+    assert mixed["record_name"] == ["", "synthetic-0001", ""]
+    assert mixed["record_seed"] == ["", 7, ""]
+    assert mixed["record_sha256"] == ["", digest(motion.acceleration), digest(SAMPLES)]
+    assert np.isnan(mixed["record_dt_s"][0])
+    assert describe_motions([rj.Ricker(2.0, 1.0)]) == {}
+
+
+@pytest.mark.parametrize("labelled", [False, True])
+def test_sweeps_keep_sources_and_seeds(tmp_path, labelled):
+    pytest.importorskip("zarr")
+    (motion,) = rj.synthetic_motions(1, seed=7, duration=4.0)
+    grid = rj.grid(BLOCK, [motion] if labelled else motion, scale=[0.1, 0.2])
+    attrs = rj.sweep(*grid, store=tmp_path / "a.zarr", options=QUICK, progress=False).attrs
+    assert np.ravel(attrs["record_name"]).tolist() == ["synthetic-0001"]
+    assert np.ravel(attrs["record_seed"]).tolist() == [7]
+    assert np.ravel(attrs["record_sha256"]).tolist() == [digest(motion.acceleration)]
+
+
 def test_an_analysis_of_a_suite_tells_its_records_apart():
     motions = rj.synthetic_motions(2, seed=1, dt=0.05, duration=3.0)
     found = rj.incremental_dynamic_analysis(

@@ -231,7 +231,7 @@ def synthetic(
     require_writable(output / "suite.csv")
     wavelet = None if pulse is None else MavroeidisPapageorgiou(*pulse)
     settings = reader.check(models.Synthetic, reader.option_values(models.Synthetic.model_fields))
-    arguments = settings.model_dump(exclude={"synthetic", "vertical_ratio"})
+    arguments = settings.model_dump(exclude={"synthetic", "scale", "vertical_ratio"})
     suite = synthetic_motions(settings.synthetic, **arguments, pulse=wavelet)
     table = io.StringIO()
     writer = csv.writer(table, lineterminator="\n")

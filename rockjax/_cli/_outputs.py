@@ -12,6 +12,7 @@ from rockjax._files import require_writable
 
 PICTURES = (".png", ".pdf", ".svg", ".eps", ".jpg", ".jpeg", ".tif", ".tiff", ".webp")
 DATA = (".nc", ".json")  # formats of data files
+TABLES = (".csv", ".xlsx")  # formats of the tables of `rockjax report`
 SINGLE_PICTURE = ("",)  # names of the pictures of a command that draws only OUTPUT.png
 # Formats that `--output` does not accept. A name with such a suffix is an error, not a prefix.
 UNSUPPORTED = (
@@ -73,6 +74,7 @@ def parse_outputs(text: str, name: str) -> Outputs:
         raise ValueError(
             f"--output {output}: {suffix} files are not supported; give a prefix, a folder, or a name that "
             f"ends in .nc (data) or {', '.join(PICTURES)} (pictures)"
+            + ("; `rockjax report` writes tables (--xlsx FILE, --csv FOLDER)" if suffix in TABLES else "")
         )
     if suffix in PICTURES:
         return Outputs(output.with_suffix(""), suffix)

@@ -249,6 +249,15 @@ class Request:
         MASSES.set(attributes)
         return self.reader.structure(structure)
 
+    def structure(self) -> Any:
+        """Return the structure: an `optimise.Dimensions` for a table by dimensions, otherwise the podium.
+        Also sets `MASSES`, as `podium` does."""
+        from rockjax._structures import Dimensions
+
+        podium = self.podium()
+        by_dimensions = isinstance(self.problem.structure, models.ByDimensions)
+        return self.reader.structure(self.problem.structure, Dimensions) if by_dimensions else podium
+
     def contents(self) -> dict[str, rj.Contents]:
         """Return the blocks on floors in the problem file, by name."""
         return self.reader.contents(self.problem.contents)
@@ -335,21 +344,37 @@ class Request:
             )
         return members[(number or 1) - 1]
 
-    def motion_or_set(self, podium: rj.Podium) -> Any:
+    def motion_or_set(self, podium: rj.Podium, mixed: bool = False) -> Any:
         """Return all motions of the chosen set. Return a single motion if options change one, if a number
-        selects one, or if the set has only one."""
-        from rockjax._problem.reading import has_pulses, to_excitation
+        selects one, or if the set has only one. Records are returned as `Motion`, with name and source.
+
+        - `podium`: structure for pulses that are given by ratios
+        - `mixed`: whether the set may have motions of several kinds, such as records and pulses
+
+        Raises `ValueError` for motions of several kinds, unless `mixed`.
+        """
+        from rockjax._motions.convert import group_by_kind
+        from rockjax._motions.motion import Motion, Motions
+        from rockjax._problem.reading import to_excitation
 
         sets, name = self.problem.motions, self.settings.motion
         is_single = self.settings.number is not None or bool(self.option_values(_MOTION_KEYS))
         if (name is None and len(sets) > 1) or is_single:
-            return to_excitation(self.motion(podium))
+            return self.motion(podium)
         name = self.motion_set_name(name)
-        if not has_pulses(sets[name]):
-            motions: Any = self.reader.records(sets, name)
-        else:
-            motions = [to_excitation(member) for member in self.reader.members(sets, name, podium)]
-        return to_excitation(motions[0]) if len(motions) == 1 else motions
+        members = self.reader.members(sets, name, podium)
+        if len(members) == 1:
+            return members[0]
+        kinds = group_by_kind([to_excitation(member) for member in members])
+        if len(kinds) > 1 and not mixed:
+            counts = ", ".join(f"{len(indices)} {kind}" for kind, indices in kinds.items())
+            self.reader.fail(
+                f"motions.{name}",
+                f"`rockjax {self.command}` needs motions of one kind, got {counts}; put each kind into a set "
+                f"of its own and choose one by --motion, or choose one motion by --number",
+            )
+        is_suite = all(isinstance(member, Motion) for member in members)
+        return Motions(tuple(members)) if is_suite else members
 
 
 class Panels(NamedTuple):

@@ -69,6 +69,11 @@ def response(request: Request, console: Console, output: Output = "rockjax-respo
     for line in _describe_inputs(data.attrs | MASSES.get({})):
         console.say(f"  {line}")
     console.say_warnings(joint_warnings(podium, history, request.settings.friction), indent="  ")
+    if history.uplifted and not history.overturned:
+        console.say(
+            "  distance to overturning: not computed here; rockjax.overturning_scale, or a check of the kind "
+            "overturning-scale in a report, gives the least factor on this motion that overturns the columns"
+        )
     share = residual_share(podium)
     if share > 0:
         console.say(
@@ -92,6 +97,12 @@ def response(request: Request, console: Console, output: Output = "rockjax-respo
         console.error(f"the scene did not finish. {results.explain(code)}")
 
 
+def impact_law(attrs: Mapping[str, Any]) -> str:
+    """Return a line with the law of impact and the restitution factor e, from the attributes of a dataset."""
+    law = attrs["restitution"] if isinstance(attrs["restitution"], str) else "given"
+    return f"{'impact law':<16} {law}, e = {attrs['restitution_factor']:.6g}"
+
+
 def _describe_inputs(attrs: Mapping[str, Any]) -> Iterator[str]:
     """Yield lines about the inputs: records, impact law and uplift acceleration. For a structure by
     dimensions, a line with the masses follows."""
@@ -105,8 +116,7 @@ def _describe_inputs(attrs: Mapping[str, Any]) -> Iterator[str]:
         parts += [f"dt = {record['dt_s']:g} s, PGA = {record['pga_m_s2'] / g:.4g} g"]
         parts += [f"{name} {record[name]:g}" for name in ("scale", "seed") if name in record]
         yield f"{'vertical' if component else 'record':<16} {', '.join(parts)}, SHA-256 {record['sha256']}"
-    law = attrs["restitution"] if isinstance(attrs["restitution"], str) else "given"
-    yield f"{'impact law':<16} {law}, e = {attrs['restitution_factor']:.6g}"
+    yield impact_law(attrs)
     uplift, demand = attrs["uplift_ground_acceleration_m_s2"] / g, attrs["uplift_demand_m_s2"] / g
     yield f"{'uplift at':<16} {uplift:.4g} g of slow ground motion (demand q of Eq. (9): {demand:.4g} g)"
     if "columns" in attrs:

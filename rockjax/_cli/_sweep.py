@@ -66,7 +66,8 @@ def sweep(
 ) -> None:
     """Compute peak responses of a grid of scenes of any size, chunk by chunk, on this machine or a cluster.
 
-    A scene is one structure under one motion. The axes are parameters of the structure and of the motion. A
+    A scene is one structure under one motion. The axes are parameters of the structure and of the motion. For
+    a structure by dimensions they are its keys, in the units of the file; the value for a list is a factor. A
     set of several motions is an additional axis. Writes a zarr store, which xarray opens. The same command
     continues an interrupted sweep: chunks in the store are verified and reused.
 
@@ -74,7 +75,8 @@ def sweep(
     Examples:
       rockjax sweep --axis tan_alpha=0.1:0.3:21 --axis frequency_ratio=1:8:141
       rockjax sweep --example sweep --dry-run
-      rockjax sweep problem.toml --workers 2 -o study.zarr
+      rockjax sweep dimensions.toml --axis story_stiffnesses=0.9,1,1.1 \\
+        --workers 2 -o study.zarr
       rockjax sweep problem.toml --scheduler tcp://10.0.0.1:8786 \\
         -o /shared/study.zarr
     """
@@ -85,14 +87,14 @@ def sweep(
     path = store_path(store)
     if workers is not None and scheduler is not None:
         raise ValueError("--workers and --scheduler are alternatives; give one")
-    podium, axes = request.podium(), _axes(request, axis)
+    structure, axes = request.structure(), _axes(request, axis)
     if not axes:
         raise ValueError(
             "rockjax sweep needs an axis, such as --axis alpha=0.1:0.2:11, or [sweep.axes] in a problem file"
         )
     options = request.options(outputs=tuple(request.settings.outputs))
     with request.reader.errors_at("sweep.axes"):
-        scenes = rj.grid(podium, request.motion_or_set(podium), **axes)
+        scenes = rj.grid(structure, request.motion_or_set(request.podium()), **axes)
     console.note(repr(scenes))
     arguments: dict[str, Any] = {
         "store": path,

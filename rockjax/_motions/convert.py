@@ -41,7 +41,8 @@ AnyMotions = AnyMotion | Sequence[AbstractExcitation | Motion | Motions]
 
 
 class SingleMotions(NamedTuple):
-    """Single motions and their names; `names` is None if any of the motions has no name."""
+    """Single motions and their names; `names` is None if any of the motions has no name. Pulses are named by
+    `pulse_name`; a `Record` has no name."""
 
     members: Sequence[AbstractExcitation]
     names: list[str] | None
@@ -152,7 +153,8 @@ def single_motions(owner: str, value, name: str) -> SingleMotions:
     if isinstance(value, Records):
         return SingleMotions(_records_of_table(owner, value, name), None)
     if isinstance(value, AbstractExcitation):
-        return SingleMotions([require_single(owner, value, name)], None)
+        label = pulse_name(require_single(owner, value, name))
+        return SingleMotions([value], None if label is None else [label])
     if isinstance(value, list | tuple) or (
         isinstance(value, Iterable) and not isinstance(value, _NO_MOTIONS)
     ):
@@ -164,6 +166,25 @@ def single_motions(owner: str, value, name: str) -> SingleMotions:
         has_names = all(entry.names is not None for entry in entries)
         return SingleMotions(members, make_unique(names) if has_names else None)
     raise ValueError(f"{owner}: {name} must be {ACCEPTED_MOTIONS}, got {format_value(value)}{_advice(value)}")
+
+
+def pulse_name(motion: AbstractExcitation) -> str | None:
+    """Return the class and the parameters of a pulse as its name, such as "Ricker(3, 0.7)". Return None for
+    motions with samples, and for traced parameters."""
+    values = [concrete(y) for y in jax.tree.leaves(motion)]
+    if any(y is None or y.ndim for y in values):
+        return None
+    return f"{type(motion).__name__}({', '.join(f'{float(y):.4g}' for y in values)})"
+
+
+def group_by_kind(members: Sequence[AbstractExcitation]) -> dict[str, list[int]]:
+    """Return the indices of motions by the name of their kind: their class, or the classes of both components
+    of a `GroundMotion`. Motions of one kind can be combined as one batch."""
+    groups: dict[str, list[int]] = {}
+    for k, member in enumerate(members):
+        parts = [getattr(member, part) for part in PARTS] if isinstance(member, GroundMotion) else [member]
+        groups.setdefault(" with vertical ".join(type(part).__name__ for part in parts), []).append(k)
+    return groups
 
 
 _NO_MOTIONS = str | bytes | Path | np.ndarray | jax.Array | dict | type  # never motions, even if iterable

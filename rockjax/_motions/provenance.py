@@ -57,6 +57,8 @@ def describe_motions(excitations: Any) -> dict[str, Any]:
     - `Record`: number of samples, dt, PGA and checksum
     - `Motion`, `Motions`: in addition, the attributes of `describe_origin`
     - `Records`, `RecordPairs`: dt, PGA and checksum
+    - a list of motions: the attributes of its records. A motion without an attribute has the value "", NaN
+      for a number, or 1 for a scale factor. For a list without records, the result is empty
 
     If there is a vertical component, samples, dt, PGA and checksum are those of the horizontal one.
     """
@@ -65,10 +67,14 @@ def describe_motions(excitations: Any) -> dict[str, Any]:
         record = record.horizontal if isinstance(record, GroundMotion) else record
         assert isinstance(record, Record)
         return describe_record(record) | dict(describe_origin(excitations))
-    if isinstance(excitations, Motions):
-        rows = [describe_motions(motion) for motion in excitations]
+    if isinstance(excitations, list | tuple | Motions):
+        rows = [describe_motions(motion) for motion in _flattened(excitations)]
+        if any(isinstance(row.get("record_sha256"), list) for row in rows):
+            return {}  # a table among the motions has several values of each attribute
         names = dict.fromkeys(name for row in rows for name in row)
         return {name: [row.get(name, _missing(name)) for row in rows] for name in names}
+    if isinstance(excitations, GroundMotion) and not isinstance(excitations, RecordPairs):
+        return describe_motions(excitations.horizontal)
     if isinstance(excitations, Records | RecordPairs):
         coords = record_coords(excitations)
         names = {"dt": "record_dt_s", "PGA": "record_pga_m_s2", "sha256": "record_sha256"}
@@ -77,19 +83,28 @@ def describe_motions(excitations: Any) -> dict[str, Any]:
     return describe_record(excitations) if is_single and not np.ndim(excitations.scale) else {}
 
 
+_NUMBERS = ("record_samples", "record_dt_s", "record_pga_m_s2")
+
+
 def _missing(name: str) -> str | float:
-    """Return the value of an attribute for motions without it: 1 for a scale factor, otherwise ""."""
-    return 1.0 if name.endswith("record_scale") else ""
+    """Return the value of an attribute for motions without it: 1 for a scale factor, NaN for other numbers,
+    except the seed, otherwise ""."""
+    if name.endswith("record_scale"):
+        return 1.0
+    return float("nan") if name in _NUMBERS else ""
+
+
+def _flattened(argument: Any) -> list[Any]:
+    """Return the motions in a value, also those in nested lists."""
+    if isinstance(argument, list | tuple | Motions):
+        return [motion for element in argument for motion in _flattened(element)]
+    return [argument]
 
 
 def _named_motions(argument: Any) -> list[Motion]:
     """Return all `Motion` objects in a value, also those in nested lists. Other excitations are left out,
     because they have neither a name nor a source."""
-    if isinstance(argument, Motion):
-        return [argument]
-    if isinstance(argument, list | tuple | Motions):
-        return [motion for element in argument for motion in _named_motions(element)]
-    return []
+    return [motion for motion in _flattened(argument) if isinstance(motion, Motion)]
 
 
 def record_coords(records: Records | RecordPairs, argument: Any = None) -> dict[str, Any]:

@@ -182,6 +182,11 @@ def numbered_parameter(entry: Parameter, number: int) -> Parameter:
     )
 
 
+def common_factor(name: str) -> Parameter:
+    """Return the parameter that multiplies all values of a list, such as `superstructure.masses`."""
+    return Parameter(name, name, "1", POSITIVE, "factor on all values of", attribute_path=name)
+
+
 # Arguments of `Podium.from_dimensions`.
 DIMENSIONS = _by_name(
     STRUCTURE["width"],

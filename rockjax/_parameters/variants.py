@@ -70,6 +70,13 @@ def row_of(podium: Podium, entry: Parameter) -> list[Parameter]:
     return [numbered_parameter(entry, k + 1) for k in range(len(_row(podium, entry)))]
 
 
+def lists_of(podium: Podium) -> dict[str, list[str]]:
+    """Return the names of the values of each row, by the attribute path of the row, such as
+    `superstructure.masses`."""
+    rows = {entry.attribute_path: row_of(podium, entry) for entry in ROWS.values()}
+    return {path: [y.name for y in row] for path, row in rows.items() if row}
+
+
 def _row(podium: Podium, entry: Parameter) -> tuple[Any, ...]:
     """Return the values of a parameter that has a value for each mode, story or column.
 
@@ -160,10 +167,16 @@ def with_values(podium: Podium, values: Mapping[str, Any]) -> Podium:
     return _with_changes(podium, {tuple(path.split(".")): value for path, value in stored.items()})
 
 
-def check_values(owner: str, values: Mapping[str, Any]) -> None:
-    """Raise `ValueError` for parameters of a structure or a pulse that are out of range."""
+def check_values(
+    owner: str, values: Mapping[str, Any], parameters: Mapping[str, Parameter] | None = None
+) -> None:
+    """Raise `ValueError` for parameters of a structure or a pulse that are out of range.
+
+    - `parameters`: the parameters by name; by default those of podiums and pulses
+    """
     for name, value in values.items():
-        allowed = (find_parameter(name) or STRUCTURE.get(name) or MOTION[name]).range
+        entry = find_parameter(name) or MOTION[name] if parameters is None else parameters[name]
+        allowed = entry.range
         condition = allowed.text if allowed.text.startswith("in") else f"finite and {allowed.text}"
         require(owner, name, value, allowed.holds, condition.removesuffix(" and "))
 

@@ -246,7 +246,9 @@ class Reader:
         """Return the records of an entry of a set."""
         arguments = entry.as_arguments("vertical_ratio", "paired", "file", "suite", "synthetic")
         if isinstance(entry, models.Synthetic):
+            scale = arguments.pop("scale", 1.0)
             motions = synthetic_motions(entry.synthetic, **{"seed": 0} | arguments)
+            motions = motions if scale == 1 else motions.map(lambda motion: motion.scaled(scale))
         elif isinstance(entry, models.Suite):
             motions = read_suite(self.folder / entry.suite, **arguments)
         else:

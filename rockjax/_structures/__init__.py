@@ -5,6 +5,7 @@ from rockjax._units import STANDARD_GRAVITY
 from .building import ShearBuilding, superstructure_of
 from .column import g_tan_alpha, slenderness_and_size
 from .contents import Contents, Oscillator
+from .dimensions import Dimensions
 from .elevation import Elevation
 from .modes import Modes
 from .podium import Podium
@@ -21,6 +22,7 @@ __all__ = [
     "SUPERSTRUCTURES",
     "AbstractSuperstructure",
     "Contents",
+    "Dimensions",
     "Elastic",
     "Elevation",
     "GivenRestitution",

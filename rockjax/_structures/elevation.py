@@ -109,7 +109,7 @@ class Elevation(Module):
         - `superstructure`: superstructure of the podium
         - `width`: width of a column [m]
         """
-        _check_overlap(concrete(self.columns), concrete(width))
+        _check_overlap(concrete(stack_row(self.columns)), concrete(width))
         count = None if superstructure is None else superstructure.height_count
         if superstructure is None or count is None:
             return

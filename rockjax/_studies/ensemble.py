@@ -22,14 +22,18 @@ from rockjax._machine.threads import TABLE_MODULES, import_in_background
 from rockjax._motions.convert import AnyMotions
 from rockjax._motions.provenance import describe_motions
 from rockjax._options import Options
-from rockjax._parameters.registry import INITIAL, Parameter, motion_parameter
-from rockjax._parameters.variants import parameters_of
+from rockjax._parameters.registry import INITIAL, motion_parameter
 from rockjax._responses.arguments import check_single, check_types
 from rockjax._responses.datasets import describe_excitation, describe_options, describe_podium
 from rockjax._responses.peak import ALWAYS, Peak, data_variables
-from rockjax._responses.variants import check_names, labelled_motion, variable_parameters
+from rockjax._responses.variants import (
+    check_names,
+    labelled_motion,
+    structure_parameters,
+    variable_parameters,
+)
 from rockjax._results import REST, Interrupted, State
-from rockjax._structures import Podium
+from rockjax._structures import Dimensions, Podium
 from rockjax._text import tables
 from rockjax._units import displayed
 
@@ -46,7 +50,7 @@ CONFIDENCE = 0.95
 
 
 def ensemble(
-    podium: Podium,
+    podium: Podium | Dimensions,
     motions: AnyMotions,
     *,
     spread: Mapping[str, Any],
@@ -63,7 +67,7 @@ def ensemble(
     are independent; arrays in `spread` must therefore contain independent draws. The bounds do not include
     the uncertainty from the choice of the motions.
 
-    - `podium`: podium with scalar parameters; the scenes are variants of it
+    - `podium`: podium with scalar parameters, or an [`optimise.Dimensions`][]; the scenes are variants of it
     - `motions`: one motion, or several (`Motions`, `Records` or a list); each scene then draws one of them
       with equal probability
     - `spread`: dict with a frozen distribution of `scipy.stats`, a number, or an array of drawn values, shape
@@ -82,7 +86,11 @@ def ensemble(
     which unsolved scenes count as not finished, or None if there are no answers yet. Before any scene is
     solved, `ValueError` is raised for invalid inputs, unknown names and draws out of range.
     """
-    owner = "ensemble"
+    owner, structure = "ensemble", podium
+    require_instance(
+        owner, "podium", structure, Podium | Dimensions, "a rockjax.Podium or an optimise.Dimensions"
+    )
+    podium = structure.podium() if isinstance(structure, Dimensions) else structure
     check_types(owner, podium, options)
     check_single(owner, podium)
     require_instance(owner, "spread", spread, Mapping, "a dict of name → distribution")
@@ -90,17 +98,18 @@ def ensemble(
     n, seed = require_whole(owner, "n", n, 1), require_whole(owner, "seed", seed, 0)
     end = None if t_end is None else require_number(owner, "t_end", t_end, np.isfinite, "finite")
     motion, labels = labelled_motion(owner, motions, "motions")
-    if labels is None and not spread:
+    if (labels is None or len(labels) == 1) and not spread:
         raise ValueError(f"{owner}: nothing is random; give a distribution in spread, or several motions")
     state_names = [
         name for name, y in INITIAL.items() if podium.vibrates or not y.attribute_path.startswith("u_t")
     ]
-    valid = [*variable_parameters(podium, motion, labels is None), *state_names]
+    valid = [*variable_parameters(structure, motion, labels is None), *state_names]
     check_names(owner, "names in spread", tuple(spread), valid)
-    parameters = {name: _find_parameter(podium, name) for name in spread}
+    known = structure_parameters(structure) | INITIAL
+    parameters = {name: known.get(name) or motion_parameter(name.rpartition(".")[2]) for name in spread}
     draws = {name: draw(owner, name, spread[name], n, seed, y.range) for name, y in parameters.items()}
     motion_index = None if labels is None else generator(seed, "motion").integers(len(labels), size=n)
-    variants = Variants(podium, motion, initial, motion_index)
+    variants = Variants(structure, motion, initial, motion_index)
     podiums, excitations, start = variants.scenes(draws)
     import_in_background(*TABLE_MODULES)
     message = None
@@ -134,12 +143,6 @@ def ensemble(
     if message is not None:
         raise Interrupted(message, result) from None
     return result
-
-
-def _find_parameter(podium: Podium, name: str) -> Parameter:
-    """Return the parameter of the podium, of the motion or of the initial state that has this name."""
-    table = parameters_of(podium) | INITIAL
-    return table[name] if name in table else motion_parameter(name.rpartition(".")[2])
 
 
 @dataclasses.dataclass(frozen=True, repr=False, eq=False)

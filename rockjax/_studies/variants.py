@@ -13,19 +13,19 @@ from rockjax._excitations.base import AbstractExcitation
 from rockjax._parameters.registry import INITIAL
 from rockjax._responses.variants import pick_motions, with_parameters
 from rockjax._results import State
-from rockjax._structures import Podium
+from rockjax._structures import Dimensions, Podium
 
 
 class Variants(NamedTuple):
     """Random variants of a scene (one podium under one ground motion).
 
-    - `podium`, `initial`: structure and initial state. In each variant, drawn values replace some of their
+    - `structure`, `initial`: structure and initial state. In each variant, drawn values replace some of their
       parameters
     - `motion`: a motion, or a batch of k motions, shape (k,)
     - `motion_index`: index of the drawn motion of each scene, shape (n,); None for a single motion
     """
 
-    podium: Podium
+    structure: Podium | Dimensions
     motion: AbstractExcitation
     initial: State
     motion_index: np.ndarray | None
@@ -44,7 +44,7 @@ class Variants(NamedTuple):
         if self.motion_index is not None:
             motion = pick_motions(motion, np.asarray(self.motion_index[scene]))
         parameters = {name: values for name, values in draws.items() if name not in INITIAL}
-        podium, motion = with_parameters("ensemble", self.podium, motion, parameters)
+        podium, motion = with_parameters("ensemble", self.structure, motion, parameters)
         superstructure, changes = podium.superstructure, {}
         for name in draws.keys() & INITIAL.keys():
             field, values = INITIAL[name].attribute_path, draws[name]

@@ -6,7 +6,7 @@ A scene is one structure under one ground motion.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -16,16 +16,27 @@ from jaxtyping import ArrayLike, Float
 from rockjax._checks import as_float, require_instance
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._motions.convert import AnyMotions
+from rockjax._motions.provenance import describe_motions
 from rockjax._responses.variants import (
     check_names,
     labelled_motion,
     pick_motions,
+    structure_parameters,
     variable_parameters,
     with_parameters,
 )
-from rockjax._structures import Podium
+from rockjax._structures import Dimensions, Podium
 
-Coords = dict[str, np.ndarray]
+
+class Coords(dict[str, np.ndarray]):
+    """Labels along each axis of a grid, by name of the axis.
+
+    - `motions`: attributes that describe the motions of the grid, see `describe_motions`
+    - `attributes`: attributes of the labels, such as their unit, by name of the axis
+    """
+
+    motions: dict[str, Any]
+    attributes: dict[str, dict[str, str]]
 
 
 class Grid(NamedTuple):
@@ -62,17 +73,25 @@ def _describe_labels(labels: np.ndarray) -> str:
     return f"{len(labels)} × {ends[0]}" if len(labels) == 1 else f"{len(labels)} from {ends[0]} to {ends[1]}"
 
 
-def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _"]) -> Grid:
+def grid(structure: Podium | Dimensions, excitation: AnyMotions, **axes: Float[ArrayLike, " _"]) -> Grid:
     """Return a grid of scenes over named axes. The axes have the order of the arguments. Call this function
     outside jit.
 
-    - `structure`: a single podium, whose parameters the axes vary
+    - `structure`: a single podium, or an [`optimise.Dimensions`][], whose parameters the axes vary
     - `excitation`: a pulse, wavelet or record; or several motions (`Motions`, `Records`, a list), which
-      form the first axis `motion`, labelled by their names, or by numbers from 1
+      form the first axis `motion`, labelled by their names; a pulse is named by its class
+      and parameters, such as `Ricker(3, 0.7)`. Motions without names have numbers from 1
     - `axes`: values along each axis, shape (n,). Their names are
 
         - parameters of the podium: `alpha`, `tan_alpha`, `width`, `height`, `R`, `gamma`, `lam`, `g`, `eta`,
-          `T_s`, `zeta`, …, and `restitution` if it is a factor, not a law
+          `T_s`, `zeta`, `story_mass_1` = m/(N m_c) [–], `story_stiffness_1` = k/(N m_c) [1/s²], …, and
+          `restitution`, which replaces a law by a factor
+        - of an `optimise.Dimensions` also its numbers, such as `column_mass` and `top_mass` [kg], `period`
+          [s], `damping` [–] and `position_1` [m]. Its `story_mass_1` is in kg, and its `story_stiffness_1` in
+          N/m. Ratios such as `gamma` replace the ratio that follows from the masses
+        - lists: the value is a factor on all numbers of the list. For a podium they are named by their place,
+          as in `superstructure.stiffnesses`, for an `optimise.Dimensions` by their field, as in
+          `story_stiffnesses`
         - `scale`, a factor on the motion (on both components of a [`rockjax.GroundMotion`][])
         - parameters of a single motion, such as `a_p`, `T_p`, `f_p`. If the podium has a parameter of the
           same name, the prefix `excitation.` is needed, as in `excitation.gamma`. Parameters of the vertical
@@ -83,19 +102,23 @@ def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _
     Names with a dot are given as `**{"excitation.gamma": …}`. Axes broadcast, so a grid of 10⁸ scenes takes
     no more memory than the values along its axes.
 
-    Raises `ValueError` for a batch of podiums, for unknown or contradictory names, and for values
-    that are not one-dimensional or outside their ranges.
+    Raises `ValueError` for a batch of podiums, for unknown or contradictory names, and for values that are
+    not one-dimensional or outside their ranges. Masses and stiffnesses of stories of a podium that are more
+    than 100 times larger than in the podium count as out of range, because they seem to be in kg or N/m.
     """
-    require_instance("grid", "structure", structure, Podium, "a rockjax.Podium")
+    accepted = "a rockjax.Podium or an optimise.Dimensions"
+    require_instance("grid", "structure", structure, Podium | Dimensions, accepted)
     # Values for each mode, story or column become scalars; an array that remains is a batch of podiums.
-    structure = structure.split_rows()
-    shapes = {jnp.shape(y) for y in jax.tree.leaves(structure)} - {()}
+    podium = (structure.podium() if isinstance(structure, Dimensions) else structure).split_rows()
+    structure = structure if isinstance(structure, Dimensions) else podium
+    shapes = {jnp.shape(y) for y in jax.tree.leaves(podium)} - {()}
     if shapes:
         raise ValueError(
             f"grid: structure must be a single podium, got arrays of shape {shapes}; give the values as axes"
         )
     motion, labels = labelled_motion("grid", excitation)
-    coords: Coords = {} if labels is None else {"motion": labels}
+    coords = Coords({} if labels is None else {"motion": labels})
+    coords.motions = describe_motions(excitation)
     for name, values in axes.items():
         values = np.asarray(as_float(values, f"grid: {name}"))
         if values.ndim != 1 or not len(values):
@@ -103,6 +126,8 @@ def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _
                 f"grid: {name} must be one-dimensional with at least one value, got shape {values.shape}"
             )
         coords[name] = values
+    parameters = structure_parameters(structure)
+    coords.attributes = {name: parameters[name].variable_attributes for name in axes if name in parameters}
     check_names("grid", "axes", tuple(axes), variable_parameters(structure, motion, labels is None))
     axis_values = {
         name: values.reshape(tuple(-1 if k == j else 1 for k in range(len(coords))))
@@ -111,4 +136,5 @@ def grid(structure: Podium, excitation: AnyMotions, **axes: Float[ArrayLike, " _
     if labels is not None:
         shape = axis_values.pop("motion").shape
         motion = pick_motions(motion, np.arange(len(labels)).reshape(shape))
-    return Grid(*with_parameters("grid", structure, motion, axis_values), coords)
+    podium, motion = with_parameters("grid", structure, motion, axis_values)
+    return Grid(podium.split_rows(), motion, coords)

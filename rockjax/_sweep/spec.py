@@ -38,6 +38,7 @@ class SweepSpec(NamedTuple):
     options: Options
     is_float64: bool  # precision of the scenes: float64, otherwise float32
     sensitivities: tuple[str, ...] = ()  # parameters y for which y ∂/∂y of the peaks is computed
+    label_attributes: Mapping[str, dict[str, str]] = {}  # attributes of the labels, by name of the axis
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -147,7 +148,9 @@ def make_spec(
     scene_arrays = SceneArrays.from_arguments("sweep", structures.split_rows(), excitations, initial, t_end)
     dims, labels = _axes(coords, scene_arrays.shape)
     names = check_sensitivities("sweep", structures, excitations, sensitivities)
-    return SweepSpec(scene_arrays, dims, labels, options, bool(jax.config.jax_enable_x64), names)  # pyright: ignore[reportAttributeAccessIssue]
+    is_float64 = bool(jax.config.jax_enable_x64)  # pyright: ignore[reportAttributeAccessIssue]
+    attributes = getattr(coords, "attributes", {})
+    return SweepSpec(scene_arrays, dims, labels, options, is_float64, names, attributes)
 
 
 def _axes(coords, shape: tuple[int, ...]) -> tuple[tuple[str, ...], dict[str, np.ndarray]]:
@@ -243,7 +246,9 @@ def sweep_coords(spec: SweepSpec) -> Iterator[tuple[str, Any]]:
     """
     for name, labels in spec.labels.items():
         axis_attrs = (
-            {"units": "1", "long_name": "ground motion"} if name == "motion" else variable_attributes(name)
+            {"units": "1", "long_name": "ground motion"}
+            if name == "motion"
+            else spec.label_attributes.get(name) or variable_attributes(name)
         )
         yield name, ((name,), labels, axis_attrs)
     if spec.sensitivities:

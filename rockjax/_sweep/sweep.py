@@ -120,7 +120,8 @@ def sweep(
         )
         if dry_run:
             return _plan(spec, layout, pilot, open_store, runner, expand_path(store))
-        open_store = _create_store(store, spec, layout, pilot, chunk, describe_motions(excitations))
+        motions = getattr(coords, "motions", None) or describe_motions(excitations)
+        open_store = _create_store(store, spec, layout, pilot, chunk, motions)
     fingerprint, skeleton = open_store.identity["fingerprint"], spec.scene_arrays.skeleton
     job = Job(open_store.path, fingerprint, skeleton, spec.options, spec.is_float64, spec.sensitivities)
     unsolved, solved = _find_unsolved(open_store, progress)

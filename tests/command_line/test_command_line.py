@@ -388,6 +388,7 @@ WRONG = [  # one case for each message
     ),
     ("sweep --axis R=1,2 --axis R=3,4", "--axis gives R twice; give each axis once"),
     ("peaks --t-end nan", "--t-end: must be a number, got nan"),
+    ("response -o x.xlsx", "`rockjax report` writes tables (--xlsx FILE, --csv FOLDER)"),
     ("fragility", "rockjax fragility needs records: files, folders or tables, --synthetic N, or a problem"),
     (
         "fragility good.toml --motions b",
@@ -461,11 +462,11 @@ def test_sweeps_accept_urls(run):
     assert json.loads(out)["store"] == "memory://bucket/x.zarr"
 
 
-def test_motions_without_names_have_the_numbers_of_the_option(run, tmp_path):
+def test_pulses_have_the_names_of_the_report(run, tmp_path):
     (tmp_path / "good.toml").write_text(VALID_PROBLEM)
     code, out, err = run(*["peaks", "good.toml", "--motion", "a", "--outputs", "peak_rotation", "--json"])
     assert code == 0, err
-    assert [row["motion"] for row in json.loads(out)["motions"]] == ["1", "2"]
+    assert [row["motion"] for row in json.loads(out)["motions"]] == ["Ricker(1, 1)", "Ricker(2, 1)"]
 
 
 def test_floor_spectra_of_unfinished_scenes_end_with_one(run, tmp_path):
@@ -882,10 +883,15 @@ def test_peaks_of_every_motion_of_a_set(run, tmp_path):
     code, out, err = run("peaks", problem, "-o", "p.pdf")
     assert code == 0, err
     assert "50.0% overturned (peaks until overturning)" in out
+    assert "impact law       paper, e = 0.956678" in out
+    ((time,),) = [
+        re.findall(r"overturned  until (\S+) s ", line) for line in out.splitlines() if "until " in line
+    ][1:]
     assert "not checked, because the structure has no elevation" in out
     data = xarray.load_dataset("p.nc")
     assert data["overturned"].values.tolist() == [False, True]
     assert data.attrs["kind"] == "peaks"
+    assert float(time) == pytest.approx(float(data["overturn_time"][1]), rel=1e-3)
     assert (tmp_path / "p.pdf").exists()
     assert run("plot", "p.nc")[0] == 0
     assert (tmp_path / "p-peaks.png").exists()
@@ -928,7 +934,7 @@ def test_an_ensemble_writes_its_scenes_and_a_picture_for_each_peak(run, tmp_path
     assert (tmp_path / "e-peak-rotation.pdf").exists()
     assert (tmp_path / "e-peak-shear.pdf").exists()
     found = rj.Ensemble(xarray.load_dataset("e.nc"))
-    assert set(found.data["motion"].values.tolist()) == {1, 2}
+    assert set(found.data["motion"].values.tolist()) == {"Ricker(2.942, 0.8)", "Ricker(4.413, 0.8)"}
     assert np.all(np.abs(found.draws["scale"] - 1) <= 0.1)
     assert set(found.draws["initial.theta"]) == {0.001}
     assert np.log(found.draws["R"] / 2).std() == pytest.approx(0.1, rel=0.3)
@@ -963,14 +969,89 @@ def test_an_ensemble_writes_its_scenes_and_a_picture_for_each_peak(run, tmp_path
         assert re.search(words, err), err
 
 
-def test_ctrl_c_during_an_ensemble_saves_nothing(run, monkeypatch, tmp_path):
-    monkeypatch.setattr("rockjax._progress.bar", lambda *_, **__: contextlib.nullcontext(Stops(1)))
-    flags = words("--gamma 0 --eta 0 --T-s 0 --pulse one-sine")
-    (tmp_path / "p.toml").write_text("[ensemble]\nn = 1\n[ensemble.spread]\nR = 1.5\n")
-    code, _, err = run("ensemble", "p.toml", *flags)
+def test_an_ensemble_is_compared_with_another_law_and_with_a_file(run, tmp_path):
+    problem = tmp_path / "frame.toml"
+    table = "[ensemble]\nmotion = 'pulses'\nn = 50\nt_end = 20.0\noutputs = ['peak_rotation', 'peak_shear']\n"
+    problem.write_text(
+        FRAME + table + "[ensemble.spread]\nR = { kind = 'lognormal', median = 2.0, cov = 0.1 }\n"
+    )
+    code, out, err = run("ensemble", problem, "--against", "0.5", "--seed", 3, "--json", "-o", "e")
+    assert code == 0, err
+    first, second = (rj.Ensemble(xarray.load_dataset(f"e{name}.nc")) for name in ("", "-against"))
+    assert (first.data.attrs["seed"], second.data.attrs["seed"]) == (3, 4)
+    assert second.data.attrs["restitution_factor"] == 0.5
+    found, expected = json.loads(out)["comparisons"]["peak_rotation"], first.compare(second)
+    assert found["statistic"] == expected.statistic > 0.3
+    assert found["p_value"] == pytest.approx(expected.p_value)
+    assert (tmp_path / "e-peak-rotation-quantiles.png").exists()
+    code, out, err = run("ensemble", problem, "--against", "e-against.nc", "--seed", 3, "-o", "f")
+    assert code == 0, err
+    assert (
+        f"peak_rotation against e-against.nc: largest distance of the distributions {expected.statistic:.4g}"
+        in out
+    )
+    for against, words in (
+        ("e.nc", "ensemble.against: the file has the seed 3, like this ensemble"),
+        ("g.nc", "ensemble.against: must be a file of `rockjax ensemble` or a law, got 'g.nc'"),
+        ("rigid", "ensemble.against: .*restitution"),
+    ):
+        code, _, err = run("ensemble", problem, "--against", against, "--seed", 3, "-o", "g")
+        assert (code, bool(re.search(words, err))) == (2, True), err
+
+
+def test_ctrl_c_during_an_ensemble_writes_the_solved_scenes(run, monkeypatch, tmp_path):
+    monkeypatch.setattr("rockjax._progress.bar", lambda *_, **__: contextlib.nullcontext(Stops(50)))
+    table = "[ensemble]\nmotion = 'pulses'\nn = 50\noutputs = ['peak_rotation', 'peak_shear']\n"
+    (tmp_path / "p.toml").write_text(FRAME + table + "[ensemble.spread]\nR = 2.0\n")
+    code, _, err = run("ensemble", "p.toml")
     assert code == 130
-    assert "no results were saved" in err
-    assert list(tmp_path.glob("rockjax-ensemble*")) == []
+    assert "written so far: rockjax-ensemble.nc" in err
+    assert rj.Ensemble(xarray.load_dataset("rockjax-ensemble.nc")).size == 50
+
+
+MIXED = (
+    FRAME
+    + """
+[[motions.mixed]]
+synthetic = 2
+seed = 3
+dt = 0.04
+duration = 4.0
+scale = 1.5
+[[motions.mixed]]
+kind = "ricker"
+a_p = [3.0, 30.0]
+T_p = 0.8
+"""
+)
+
+
+def test_peaks_of_a_set_of_records_and_pulses(run, tmp_path):
+    (tmp_path / "m.toml").write_text(MIXED)
+    flags = ("m.toml", "--motion", "mixed", "--outputs", "peak_rotation")
+    code, _, err = run("peaks", *flags, "-o", "m")
+    assert code == 0, err
+    data = xarray.load_dataset("m.nc")
+    names = ["synthetic-0001", "synthetic-0002", "Ricker(3, 0.8)", "Ricker(30, 0.8)"]
+    assert data["motion"].values.tolist() == names
+    assert data["overturned"].values.tolist() == [False, False, False, True]
+    assert data.attrs["record_sha256"][2:] == ["", ""]
+    assert data.attrs["record_scale"].tolist() == [1.5, 1.5, 1.0, 1.0]
+    for number in (2, 3):
+        assert run("peaks", *flags, "--number", number, "-o", "one")[0] == 0
+        one = xarray.load_dataset("one.nc")
+        assert one["motion"].values.tolist() == [names[number - 1]]
+        assert float(one["peak_rotation"][0]) == pytest.approx(
+            float(data["peak_rotation"][number - 1]), rel=1e-9
+        )
+        assert one.attrs.get("record_seed") == (3 if number == 2 else None)
+    for command in ("sweep", "ensemble"):
+        code, _, err = run(command, *flags, *(("--axis", "R=1,2") if command == "sweep" else ()))
+        assert code == 2
+        assert (
+            f"m.toml: motions.mixed: `rockjax {command}` needs motions of one kind, got 2 Record, 2 Ricker"
+            in err
+        )
 
 
 COMMANDS = (

@@ -6,7 +6,20 @@ from typing import Annotated, Literal
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from .fields import GRID, MACHINES, Count, Index, Keys, Number, Numbers, Points, Positive, key, require_one
+from .fields import (
+    GRID,
+    MACHINES,
+    STATISTICS,
+    Count,
+    Index,
+    Keys,
+    Number,
+    Numbers,
+    Points,
+    Positive,
+    key,
+    require_one,
+)
 from .studies import OneMotion
 
 
@@ -113,6 +126,15 @@ class Ensemble(OneMotion):
     seed: Index = key(0, "Seed of the random numbers; equal seeds give equal draws.", GRID)
     outputs: list[str] = key(
         ["peak_rotation"], "Requested outputs: peak_rotation, peak_shear, errors …", GRID
+    )
+    t_end: Number | None = key(
+        None, "End of the scenes [s]; by default max(30/p, 10 T_s) after the motion.", GRID
+    )
+    against: str | None = key(
+        None,
+        "Second ensemble, for a comparison: a file (.nc) of `rockjax ensemble` with another seed, or a law "
+        "of impact: paper, compatible or a factor.",
+        STATISTICS,
     )
     spread: dict[str, Spread] = key(
         {}, "Name of a parameter → number (a fixed value) or distribution, as in `rockjax.ensemble`."

@@ -105,6 +105,7 @@ class Synthetic(Keys):
     pga: Positive = key(2.94, "Peak acceleration of the noise in each motion [m/s²].", MOTION)
     omega_g: Positive = key(15.0, "Frequency of the soil ω_g [rad/s].", MOTION)
     zeta_g: Positive = key(0.6, "Damping ratio of the soil ζ_g [–].", MOTION)
+    scale: Number | None = key(None, "Factor on the motions [–]; by default 1.")
     vertical_ratio: Number | None = key(None, "Ratio of vertical to horizontal ground acceleration [–].")
 
 

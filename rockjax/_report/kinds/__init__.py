@@ -153,7 +153,6 @@ _KINDS: tuple[Kind, ...] = (
         "Motion in two directions",
         "number",
         section=10,
-        has_limit=False,
         reason="Motion is in a plane in the model (A3); a spatial model would be needed.",
     ),
     ByOthers(

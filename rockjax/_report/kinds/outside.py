@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
-from rockjax._report.entry import CheckKeys, Entry
+from rockjax._report.entry import BOUNDS, CheckKeys, Entry
 from rockjax._report.problem import Problem
 from rockjax._report.scenes import Scenes
 
@@ -18,8 +19,9 @@ class OutsideModel(Kind):
     reason: str = ""
 
     def limit(self, keys: CheckKeys, quantity: str, g: float) -> float:
-        # If the kind has no limit, a limit in the entry is accepted and ignored.
-        return super().limit(keys, quantity, g) if self.has_limit else 1.0
+        # The check is never made, so an entry may leave out the limit.
+        is_given = any(getattr(keys, name) is not None for name in BOUNDS)
+        return super().limit(keys, quantity, g) if self.has_limit and is_given else math.nan
 
     def missing(self, entry: Entry, problem: Problem) -> str:
         del entry, problem

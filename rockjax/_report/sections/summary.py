@@ -37,7 +37,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 def _row(check: Check, evaluation: Evaluation) -> SummaryRow:
     scope = check.kind.scope(check.entry, evaluation.problem)
     limit: Limit | TextCell = TextCell("none given", "none")
-    if check.kind.has_limit:
+    if math.isfinite(check.limit):
         comparison = "≥" if check.kind.is_minimum else "≤"
         quantity = Quantity(check.limit, check.entry.quantity, is_input=True)
         limit = Limit(comparison, quantity, check.entry.keys.unit or si_unit(check.entry.quantity))
