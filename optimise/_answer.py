@@ -249,14 +249,9 @@ def build_design(
     search: SearchResult,
     estimate_samples: Callable[[np.ndarray], SampleEstimates],
 ) -> Design:
-    """Return the best of the designs at which the searches from the starts ended, with all outcomes.
-
-    - `original`: the structure as the user passed it; `variables`: the n design variables
-    - `objective`: the minimised objective, None for the design nearest to the user's structure
-    - `search`: result of the search
-    - `estimate_samples`: function that takes scaled variables (n,) and returns the estimates from independent
-      samples at this point
-    """
+    """Return the best of the designs at which the searches from the starts ended, with all outcomes. Without
+    an objective, it is the design nearest to `original`. `estimate_samples` takes scaled variables (n,) and
+    returns the estimates from independent samples there."""
     pairs = zip(search.ends, search.evaluations, strict=True)
     outcomes = tuple(_outcome(variables, end, evaluation) for end, evaluation in pairs)
     best = min(range(len(outcomes)), key=lambda k: _rank_outcome(outcomes[k], bool(search.margin_counts)))
@@ -311,14 +306,9 @@ def build_design(
 
 
 def _outcome(variables: Variables, end: End, evaluation: Evaluation) -> Outcome:
-    """Return the outcome of a start.
-
-    The result of the search, `end.result`, changes if the verified evaluation contradicts it: to `not_finite`
-    if the evaluation is not finite, from `converged` or `stalled` to `infeasible` if a target is violated,
-    and from `infeasible` to `stalled` if all targets hold.
-
-    - `end`: end of the search from the start; `evaluation`: verified evaluation at the end
-    """
+    """Return the outcome of a start. The result of the search changes if the verified evaluation contradicts
+    it: to `not_finite` if the evaluation is not finite, from `converged` or `stalled` to `infeasible` if a
+    target is violated, and from `infeasible` to `stalled` if all targets hold."""
     is_finite = bool(np.isfinite(evaluation.c).all() and np.isfinite(evaluation.f).all())
     satisfied = is_finite and evaluation.violation == 0
     code = end.result if is_finite else NOT_FINITE

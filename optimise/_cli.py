@@ -24,12 +24,8 @@ def design_command(
     quiet: bool = False,
     suffix: str = ".png",
 ) -> tuple[Design, list[Path], rj.Interrupted | None]:
-    """Solve a design problem; write the design and its pictures.
-
-    - `problem`: the design problem
-    - `output`: first part of the names of the files: `output`.json and the pictures `output`-convergence and,
-      if the problem has motions, `output`-response
-    - `quiet`: whether to hide the progress bar; `suffix`: file extension of the pictures
+    """Solve a design problem; write the design to `output`.json, and its pictures to `output`-convergence
+    and, if the problem has motions, to `output`-response, with the file extension `suffix`.
 
     Returns the design, the paths of the written files, and the `rockjax.Interrupted` error if the search was
     interrupted, otherwise None. After an interruption, the returned design is the attribute `partial` of this
@@ -61,11 +57,9 @@ def design_command(
 
 
 def _decisive_motion(problem: Problem, design: Design, motions: list) -> Any:
-    """Return the motion with the smallest margin of all targets that have margins for each motion.
-
-    Only targets on peak responses (`AbstractResponseTarget`) are considered. If none of them has margins for
-    each motion, return the one of `motions` under which the design has the smallest overturning margin.
-    """
+    """Return the motion with the smallest margin of all targets on peak responses (`AbstractResponseTarget`)
+    that have margins for each motion. If there is none, return the one of `motions` under which the design
+    has the smallest overturning margin."""
     from ._suite import Suite
     from ._targets import AbstractResponseTarget
 
@@ -83,11 +77,9 @@ def _decisive_motion(problem: Problem, design: Design, motions: list) -> Any:
 
 
 def joint_peaks(problem: Problem, design: Design) -> Any:
-    """Return the peak forces in the joints under all motions of a problem, as attributes of an object.
-
-    The command `rockjax design` uses these forces to warn of joints that slide or open. Return None if the
-    podium has no elevation (positions of columns and heights of masses) or the problem has no motions.
-    """
+    """Return the peak forces in the joints under all motions of a problem, as attributes of an object. The
+    command `rockjax design` uses these forces to warn of joints that slide or open. Return None if the podium
+    has no elevation (positions of columns and heights of masses) or the problem has no motions."""
     from types import SimpleNamespace
 
     from rockjax._cli._joints import OUTPUTS, VARIABLES

@@ -130,14 +130,9 @@ def rank(evaluation: Evaluation) -> tuple[float, float]:
 
 
 def objective_scale(evaluations: list[Evaluation]) -> float:
-    """Return a typical change of the objective between the bounds of a variable.
-
-    The typical change is the median of the largest absolute slopes of the evaluations, in scaled variables.
-    Slopes of zero are left out. If all slopes are zero, return the largest absolute objective value, or 1 if
-    all objective values are zero as well.
-
-    - `evaluations`: finite evaluations at the starting points
-    """
+    """Return a typical change of the objective between the bounds of a variable: the median of the largest
+    absolute slopes of the finite evaluations at the starting points, in scaled variables. Slopes of zero are
+    left out. If all are zero, return the largest absolute objective value, or 1 if that is zero as well."""
     slopes = [float(np.max(np.abs(e.f_slope))) for e in evaluations]
     slopes = [slope for slope in slopes if slope > 0]
     if slopes:
@@ -146,11 +141,8 @@ def objective_scale(evaluations: list[Evaluation]) -> float:
 
 
 def final_result(current: Evaluation, residual: float, settings: Settings) -> int:
-    """Return the result code of a descent that ends because no step decreases the merit further.
-
-    - `current`: scaled evaluation at the last point; `residual`: residual of the optimality conditions there
-    - `settings`: settings of the descent
-    """
+    """Return the result code of a descent that ends at `current` with the residual of the optimality
+    conditions `residual`, because no step decreases the merit further."""
     # The evaluation has margins minus `shift`, so a violation above `shift` means a negative true margin.
     if current.violation > settings.shift:
         return INFEASIBLE

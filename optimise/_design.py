@@ -173,11 +173,9 @@ class DescentSearch:
         self.evaluations: list[Evaluation] = []
 
     def run(self) -> bool:
-        """Run the search and return whether it was interrupted.
-
-        If the search is interrupted, every start whose descent has not ended ends at its best point so far.
-        Raises `rockjax.Interrupted` if the first evaluation is interrupted.
-        """
+        """Run the search and return whether it was interrupted. If so, every start whose descent has not
+        ended ends at its best point so far. Raises `rockjax.Interrupted` if the first evaluation is
+        interrupted."""
         evaluate, starts = self.evaluate, range(len(self.points))
         try:
             first = evaluate(self.points)
@@ -233,10 +231,8 @@ class DescentSearch:
 
     def evaluate_with_samples(self) -> list[Evaluation]:
         """Take an independent sample of each probability at the best end; return the evaluations at all ends.
-
         If another end is the best after these samples, this end is sampled as well. At most
-        `MAX_CHECKED_ENDS` ends are sampled.
-        """
+        `MAX_CHECKED_ENDS` ends are sampled."""
         for _ in range(MAX_CHECKED_ENDS):
             evaluations = self.evaluate(self.end_points)
             if not self.evaluate.sampled_targets.targets:
@@ -376,11 +372,9 @@ def _margin_counts(targets: tuple[AbstractTarget, ...], counts: list[int]) -> di
 
 
 def _small_violation(end: End, verified: Evaluation, limit: float) -> float:
-    """Return the violation at an end in the verification if a further descent may correct it, otherwise 0.
-
-    A descent may correct the violation if the evaluation is finite, the violation is at most `limit`, and the
-    result of the search is neither `infeasible` nor `not_finite`.
-    """
+    """Return the violation at an end in the verification if a further descent may correct it, otherwise 0: if
+    the evaluation is finite, the violation is at most `limit`, and the result of the search is neither
+    `infeasible` nor `not_finite`."""
     if end.result in (INFEASIBLE, NOT_FINITE) or not verified.is_finite:
         return 0.0
     return verified.violation if verified.violation <= limit else 0.0

@@ -64,11 +64,9 @@ class DesignProblem(Module):
     def __call__(
         self, x: Float[Array, " n"], options: rj.Options
     ) -> tuple[Float[Array, " k"], list[Float[Array, " m"]], Int[Array, " items"]]:
-        """Evaluate a point x in scaled variables.
-
-        Returns the objective values (k,), the margins (m,) of every target, and the number of overturned
-        scenes of every item. This number is 0 for items without `until_overturning`.
-        """
+        """Evaluate a point x in scaled variables. Returns the objective values (k,), the margins (m,) of
+        every target, and the number of overturned scenes of every item, which is 0 for items without
+        `until_overturning`."""
         podium = self.variables.podium(x)
         peaks = None if self.suite is None else self.suite.responses(podium, options, self.outputs)
         overturned = jnp.zeros(len(self.slices), int)
@@ -131,11 +129,8 @@ def build_problem(
 
 
 def _floats_to_arrays(item: Any) -> Any:
-    """Turn Python floats into arrays, so that other values need no other compilation.
-
-    Compiled programs take arrays as arguments and contain Python floats as constants. Zeros stay floats,
-    because a zero may mean that a component is absent.
-    """
+    """Turn Python floats, which compiled programs contain as constants, into arrays, so that other values
+    need no other compilation. Zeros stay floats, because a zero may mean that a component is absent."""
     return jax.tree.map(lambda y: as_float(y) if isinstance(y, float) and y else y, item)
 
 
@@ -259,10 +254,9 @@ class Evaluator:
         self.best: list[tuple[np.ndarray, Evaluation]] = []
 
     def __call__(self, points: np.ndarray, count: int | None = None) -> list[Evaluation]:
-        """Return the evaluations at points (starts, n).
-
-        Objective values are NaN where `check_structure` raises an error. `count` is the number of
-        points to add to the attribute `evaluations`, without points of starts that have ended; None for all.
+        """Return the evaluations at points (starts, n). Objective values are NaN where `check_structure`
+        raises an error. `count` is the number of points to add to the attribute `evaluations`, without points
+        of starts that have ended; None for all.
 
         If `is_accurate` is True, simulations use the tolerances of verification. The objective, and targets
         without fresh samples, then search for overturning with the `width` (resolution) that the user gave.
@@ -299,10 +293,8 @@ class Evaluator:
 
     def check_structure(self, x: np.ndarray) -> None:
         """Raise `ValueError` if there is no valid structure at x (n,), or if its overturning margin is
-        requested and not defined.
-
-        Compiled programs cannot raise errors for invalid values, such as columns that overlap.
-        """
+        requested and not defined. Compiled programs cannot raise errors for invalid values, such as columns
+        that overlap."""
         check_overturn_ratio("design", self.problem.variables.podium(x), self.checked_options)
 
     def is_valid(self, x: np.ndarray) -> bool:
@@ -381,12 +373,8 @@ def run_descents(
     first: list[Evaluation],
     ends: dict[int, End],
 ) -> None:
-    """Advance all descents until each has ended; their points are evaluated in batches.
-
-    - `descents`: start → descent; `evaluate`: evaluates one point of every start
-    - `points`: first points (starts, n); `first`: their evaluations
-    - `ends`: start → end; the end of each descent is stored in this dictionary
-    """
+    """Advance all descents, by start, until each has ended; their points (starts, n) are evaluated in
+    batches. `first` are the evaluations of the first points. The end of each descent is stored in `ends`."""
     points = np.array(points)
 
     def advance(k: int, evaluation: Evaluation | None) -> bool:

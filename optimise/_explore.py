@@ -216,11 +216,8 @@ def explore(
 
 
 def _outputs(options: rj.Options) -> tuple[str, ...]:
-    """Return the outputs to request.
-
-    The overturning margin, the last of `OUTPUTS`, is requested only if `options` have engine="flat" and
-    overturn_ratio ≤ 1. With other options, the margin is not defined for every structure.
-    """
+    """Return the outputs to request. The overturning margin, the last of `OUTPUTS`, is requested only with
+    engine="flat" and overturn_ratio ≤ 1. With other options, it is not defined for every structure."""
     return OUTPUTS if float(options.overturn_ratio) <= 1 and options.engine == "flat" else OUTPUTS[:-1]
 
 
@@ -291,11 +288,8 @@ def _simulate(study: _Study, values: Float[ArrayLike, " n"], options: rj.Options
 
 
 def _deformation(response: rj.Response, podium: rj.Podium, t: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Return the deformation of the superstructure at times t (n,), shape (n,) [m].
-
-    For a building, this is the displacement of the roof relative to the beam; with several modes, the
-    deformation of mode 1.
-    """
+    """Return the deformation of the superstructure at times t (n,), shape (n,) [m]. For a building, this is
+    the displacement of the roof relative to the beam; with several modes, the deformation of mode 1."""
     if isinstance(podium.superstructure, rj.ShearBuilding):
         return jnp.sum(response.drift(t), axis=-1)
     deformation = response.deformation(t)
@@ -310,10 +304,8 @@ def _deformation_label(podium: rj.Podium) -> str:
 
 
 class _Grid(NamedTuple):
-    """Positions of a slider: `low`, `low + step`, … up to `high`.
-
-    A browser rounds every value to the nearest position, even the initial value.
-    """
+    """Positions of a slider: `low`, `low + step`, … up to `high`. A browser rounds every value to the nearest
+    position, even the initial value."""
 
     low: float
     high: float
@@ -321,11 +313,9 @@ class _Grid(NamedTuple):
 
     @classmethod
     def containing(cls, low: float, high: float, value: float) -> _Grid:
-        """Return a grid from `low` to `high`, if possible with the position `value`.
-
-        The step is 1, 2 or 5 times a power of 10: the least such step that gives at most `SLIDER_POSITIONS`
-        steps. While `value` is not a position, the step is divided by 10, at most `MAX_REFINEMENTS` times.
-        """
+        """Return a grid from `low` to `high`, if possible with the position `value`. The step is 1, 2 or 5
+        times a power of 10: the least such step that gives at most `SLIDER_POSITIONS` steps. While `value` is
+        not a position, the step is divided by 10, at most `MAX_REFINEMENTS` times."""
         rough_step = (high - low) / SLIDER_POSITIONS
         unit = 10.0 ** math.floor(math.log10(rough_step))
         step = unit * next(factor for factor in (1, 2, 5, 10) if factor * unit >= 0.999 * rough_step)
@@ -338,10 +328,8 @@ class _Grid(NamedTuple):
         return abs(position - round(position)) < 1e-6
 
     def read(self, shown_value: float, initial_value: float) -> float:
-        """Return the value of the parameter for the value that its slider shows.
-
-        At the position nearest to the initial value, this is the initial value, otherwise the shown value.
-        """
+        """Return the value of the parameter for the value that its slider shows: at the position nearest to
+        the initial value, the initial value, otherwise the shown value."""
         if not self.has_position(shown_value):
             return shown_value
         shown_value = float(f"{shown_value:.12g}")  # browsers compute positions in floating point

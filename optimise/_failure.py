@@ -171,10 +171,8 @@ class RayTarget:
         )
 
     def _target_probability(self, podium: rj.Podium) -> float:
-        """Return the probability, at most 0.9, that the rays must give with the factor k.
-
-        This is `at_most` divided by `_ratio` and, during a search, reduced by an allowance for scatter.
-        """
+        """Return the probability, at most 0.9, that the rays must give with the factor k: `at_most` divided
+        by `_ratio` and, during a search, reduced by an allowance for scatter."""
         safety = 0.0 if self.is_verifying else self.spread
         return min(self.target.at_most / self._ratio(podium) * math.exp(-safety), 0.9)
 
@@ -192,11 +190,9 @@ class RayTarget:
         return min(self.samples, key=lambda sample: _largest_difference(sample.parameters, parameters)).ratio
 
     def check(self, podium: rj.Podium) -> float | None:
-        """Take an independent sample at a structure, and return the change of the estimate of ln P there.
-
-        The change is 0 if the sample has not converged. Return None, without sampling, if `checked_estimate`
-        returns an estimate for the structure.
-        """
+        """Take an independent sample at a structure, and return the change of the estimate of ln P there,
+        which is 0 if the sample has not converged. Return None, without sampling, if `checked_estimate`
+        returns an estimate for the structure."""
         if self.checked_estimate(podium) is not None:
             return None
         old_ratio = self._ratio(podium)

@@ -89,12 +89,8 @@ class Fit(Module):
 
 
 def _check_measurement(times, theta, variable_count: int, earliest: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return times and rotations as arrays; raise `ValueError` if they are invalid.
-
-    - `times`, `theta`: as for `fit`
-    - `variable_count`: number of variables; at least as many measurements are required
-    - `earliest`: start of the excitation [s]
-    """
+    """Return times and rotations as arrays; raise `ValueError` if they are invalid, if there are fewer than
+    variables, or if they begin before `earliest`, the start of the excitation [s]."""
     times, theta = (
         np.asarray(as_float(y, f"fit: {name}")) for name, y in (("times", times), ("theta", theta))
     )
@@ -223,12 +219,9 @@ class _Scene(Module):
     options: rj.Options
 
     def residuals(self, x: Float[Array, " k"]) -> Float[Array, " n"]:
-        """Return measured minus simulated rotation (n,) [rad] for scaled variables x.
-
-        The residuals are inf if the simulation did not finish. After overturning, the simulated rotation is
-        α with the sign of the rotation at overturning. The simulated rotation is 0 after the columns have
-        come to rest for good.
-        """
+        """Return measured minus simulated rotation (n,) [rad] for scaled variables x; inf if the simulation
+        did not finish. After overturning, the simulated rotation is α with the sign of the rotation at
+        overturning. It is 0 after the columns have come to rest for good."""
         podium = self.variables.podium(x)
         response = rj.simulate(
             podium, self.excitation, initial=self.initial, t_end=self.times[-1], options=self.options
@@ -242,12 +235,9 @@ class _Scene(Module):
 
 
 def _window_weights(times: np.ndarray, theta: np.ndarray, fraction: float) -> np.ndarray:
-    """Return the weights (n,) of the times in a window: 1 in the window, 0 after it.
-
-    - `times`, `theta`: as for `fit`
-    - `fraction`: length of the window divided by the duration of strong rotation (see `STRONG_RATIO`). The
-      window also covers all times before strong rotation. With a fraction of 1, it covers all times
-    """
+    """Return the weights (n,) of the times in a window: 1 in the window, 0 after it. Its length is `fraction`
+    times the duration of strong rotation (see `STRONG_RATIO`). It also covers all times before strong
+    rotation and, with a fraction of 1, all times."""
     strong_times = times[np.abs(theta) >= STRONG_RATIO * np.max(np.abs(theta))]
     window_end = strong_times[0] + fraction * (strong_times[-1] - strong_times[0])
     return (times <= (window_end if fraction < 1 else np.inf)).astype(float)
@@ -266,12 +256,8 @@ def _from_unit_interval(x):
 @eqx.filter_jit
 def _costs(scene: _Scene, points, weights, peak):
     """Return the mean square of the weighted residuals of each point [–], shape (k,); inf where the
-    simulation did not finish.
-
-    - `scene`: the structure, its motion and the measurement; `points`: scaled variables (k, n)
-    - `weights`: weights of the times, (times,); `peak`: largest absolute measured rotation [rad], by which
-      residuals are divided
-    """
+    simulation did not finish. `points` are scaled variables (k, n), `weights` those of the times, (times,),
+    and `peak` is the largest absolute measured rotation [rad], by which residuals are divided."""
 
     def cost(x):
         residuals = weights * scene.residuals(x) / peak
@@ -282,12 +268,9 @@ def _costs(scene: _Scene, points, weights, peak):
 
 @eqx.filter_jit
 def _solve_window(scene: _Scene, z, weights, peak, tolerance):
-    """Fit one window from every start; return z at the end, and whether the solver converged for each start.
-
-    - `scene`, `weights`, `peak`: as for `_costs`
-    - `z`: transformed variables (starts, n), as from `_from_unit_interval`
-    - `tolerance`: relative and absolute tolerance of the solver [–]
-    """
+    """Fit one window from every start; return the transformed variables z (starts, n), as from
+    `_from_unit_interval`, at the end, and whether the solver converged for each start. Other arguments are as
+    for `_costs`."""
     solver = optx.LevenbergMarquardt(rtol=tolerance, atol=tolerance)
 
     def solve_start(z):
@@ -306,10 +289,8 @@ def _solve_window(scene: _Scene, z, weights, peak, tolerance):
 
 @eqx.filter_jit
 def _evaluate_residuals(scene: _Scene, points):
-    """Return the residuals (starts, times) [rad] and their Jacobians (starts, times, n) at `points`.
-
-    `points` (starts, n) and Jacobians are in scaled variables.
-    """
+    """Return the residuals (starts, times) [rad] and their Jacobians (starts, times, n) at `points` (starts,
+    n). Points and Jacobians are in scaled variables."""
 
     def at_point(x):
         def with_value(x):
@@ -323,12 +304,9 @@ def _evaluate_residuals(scene: _Scene, points):
 
 
 def _covariance(residuals: np.ndarray, slope: np.ndarray) -> np.ndarray:
-    """Return the covariance matrix s²(JᵀJ)⁻¹ of the variables (n, n). All entries are inf if J is
-    rank-deficient, or square, so that the residuals do not show their scatter.
-
-    - `residuals`: residuals (times,) [rad], with the variance s²
-    - `slope`: Jacobian J (times, n) of the residuals with respect to the unscaled variables
-    """
+    """Return the covariance matrix s²(JᵀJ)⁻¹ of the unscaled variables (n, n), with the variance s² of the
+    residuals (times,) [rad] and their Jacobian J (times, n). All entries are inf if J is rank-deficient, or
+    square, so that the residuals do not show their scatter."""
     count, n = slope.shape
     information = slope.T @ slope
     norms = np.sqrt(np.diag(information))  # norms of the columns of J

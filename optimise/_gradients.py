@@ -38,11 +38,8 @@ MIN_SLOPE = 1e-2  # lower limit of the root-mean-square slope |∇c_j| in ρ_j
 
 
 def transformation_of(method: str | optax.GradientTransformation) -> optax.GradientTransformation | None:
-    """Return the gradient transformation of a method, None for `"sqp"`.
-
-    Raises `ValueError` if `method` is neither `"sqp"`, `"adam"` nor a transformation, and for
-    transformations that evaluate the objective themselves, such as line searches.
-    """
+    """Return the gradient transformation of a method, None for `"sqp"`. Raises `ValueError` for other
+    strings, and for transformations that evaluate the objective themselves, such as line searches."""
     if isinstance(method, str) and method == "sqp":
         return None
     import optax  # slow to import
@@ -107,10 +104,8 @@ class GradientSteps:
         self.last_steps: list[list[tuple[Vector, Evaluation]]] = [[] for _ in evaluations]
 
     def take_steps(self, steps: int, active: np.ndarray) -> None:
-        """Take `steps` steps from the present points of the starts for which `active` (s,) is True.
-
-        A start does not move in a step in which its gradient is not finite.
-        """
+        """Take `steps` steps from the present points of the starts for which `active` (s,) is True. A start
+        does not move in a step in which its gradient is not finite."""
         optimiser_state = self.init(jnp.asarray(self.x))
         for k in np.flatnonzero(active):
             self.last_steps[k] = []
@@ -150,12 +145,9 @@ class GradientSteps:
         return float(value), gradient
 
     def _record(self, k: int, evaluation: Evaluation, factor: float, step: float) -> None:
-        """Append an iterate to the history.
-
-        - `k`: index of the start; `evaluation`: evaluation at its point before the step
-        - `factor`: factor by which the step of the transformation was multiplied
-        - `step`: largest absolute entry of the step, in scaled variables
-        """
+        """Append an iterate of the start k to the history: the evaluation before the step, the factor by
+        which the step of the transformation was multiplied, and the largest absolute entry of the step, in
+        scaled variables."""
         margin, value = float(np.min(evaluation.c, initial=np.inf)), float(np.max(evaluation.f))
         row = Iterate(k, self.iteration, self.x[k], value, margin, np.nan, factor, RHO, step, True)
         self.history.append(row)

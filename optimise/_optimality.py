@@ -37,14 +37,9 @@ class Optimality(NamedTuple):
 
 
 def linear_models(x: Vector, current: Evaluation, points: EvaluatedPoints) -> Model:
-    """Return the linear models for steps from x: one built at x, and one built at each of `points`.
-
-    The models built at `points` are cuts. If a cut predicts a larger objective value at x than that of
-    `current`, the cut is lowered to that value. If a cut predicts a smaller margin at x than that of
-    `current`, the cut is raised to that margin.
-
-    - `x`: scaled variables (n,); `current`: evaluation at x; `points`: other evaluated points
-    """
+    """Return the linear models for steps from x (n,): one built at x, and one built at each of `points`,
+    called cuts. If a cut predicts a larger objective value at x than that of `current`, it is lowered to that
+    value. If it predicts a smaller margin, it is raised to that margin."""
     k, m = len(current.f), len(current.c)
     f, f_slope, c, c_slope = [current.f], [current.f_slope], [current.c], [current.c_slope]
     for point, evaluation in points:
@@ -76,15 +71,10 @@ def optimality(
     penalty: float,
     tolerance: float,
 ) -> Optimality:
-    """Return multipliers and residual of the merit at x.
-
-    At first only the models built at x are used, as if the merit were smooth at x. If x is then not
-    stationary, x may be at a kink, and the models of near points are added.
-
-    - `x`: scaled variables (n,); `current`: evaluation at x; `near_points`: evaluated points near x
-    - `weight`: weight of the objective in the merit; `penalty`: penalty ν of the largest violation
-    - `tolerance`: residual above which the near points are used
-    """
+    """Return multipliers and residual of the merit at x (n,). At first only the models built at x are used,
+    as if the merit were smooth at x. If the residual exceeds `tolerance`, x may be at a kink, and the models
+    of near points are added. `weight` is that of the objective, `penalty` that of the largest violation,
+    ν."""
     result = _solve_optimality(x, current, [], weight, penalty)
     if result.residual > tolerance and near_points:
         result = _solve_optimality(x, current, near_points, weight, penalty)

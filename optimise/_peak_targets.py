@@ -95,10 +95,8 @@ class PeakLimit(AbstractResponseTarget):
 
 
 def limited_output(owner: str, output: str | AbstractOutput) -> AbstractOutput:
-    """Return the instance of an output that is given by name or as an instance.
-
-    `owner` is the class that the error message names. Raises `ValueError` if the output is not a peak.
-    """
+    """Return the instance of an output that is given by name or as an instance. Raises `ValueError`, which
+    names `owner`, if the output is not a peak."""
     instance = output if isinstance(output, AbstractOutput) else REGISTRY.get(str(output))
     if instance is None or not _is_peak(instance):
         peaks = [name for name, registered in REGISTRY.items() if _is_peak(registered)]
@@ -110,11 +108,8 @@ def limited_output(owner: str, output: str | AbstractOutput) -> AbstractOutput:
 
 
 def _is_peak(output: AbstractOutput) -> bool:
-    """Return whether an output is a peak.
-
-    A peak has a variable with the name of the output. If the columns overturn, this variable covers only the
-    time until overturning.
-    """
+    """Return whether an output is a peak: it has a variable with the name of the output which, if the columns
+    overturn, covers only the time until overturning."""
     return any(y.name == output.name and y.until_overturning for y in output.variables)
 
 
@@ -130,13 +125,8 @@ def output_title(output: AbstractOutput) -> str:
 
 def output_values(reader: AbstractResponses, output: AbstractOutput, peaks: rj.Peak) -> Float[Array, " k"]:
     """Return the values (k,) of an output for all motions and all modes, stories, floors or joints; values of
-    the same motion are adjacent.
-
-    - `reader`: target or objective, which error messages name; `output`: the output
-    - `peaks`: responses to all motions
-
-    Raises `ValueError` for a podium that does not have the output.
-    """
+    the same motion are adjacent. Raises `ValueError`, which names the `reader` (target or objective), for a
+    podium that does not have the output."""
     values = getattr(peaks, output.name)
     if values is None:
         raise ValueError(
@@ -153,15 +143,9 @@ def limited_by_overturning(margins: Values, peaks: rj.Peak) -> Values:
 
 
 def overturning_depths(peaks: rj.Peak, count: int) -> tuple[Array, Float[Array, " k"]]:
-    """Return two vectors (count,): for each value, whether its scene overturned, and the depth −M [–].
-
-    A scene is the response to one motion, with the overturning margin M. In a scene that did not overturn,
-    the depth is set to 1; callers ignore this depth.
-
-    - `peaks`: responses to all motions
-    - `count`: number of values of all scenes. Each scene has the same number of values; the values are in the
-      order of the scenes
-    """
+    """Return two vectors (count,): for each value, whether its scene overturned, and the depth −M [–], with
+    the overturning margin M. In a scene that did not overturn, the depth is set to 1; callers ignore it. Each
+    scene has the same number of values; the values are in the order of the scenes."""
     depth = jnp.where(peaks.margin < 0, -peaks.margin, 1.0)
     repeat = lambda y: jnp.repeat(jnp.ravel(y), count // jnp.size(y))
     return repeat(peaks.overturned), repeat(depth)

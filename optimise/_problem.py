@@ -244,13 +244,9 @@ def load(path: str | Path) -> Problem:
 def problem_of(
     table: dict[str, Any], path: Path, options: Mapping[str, tuple[str, Any]] | None = None
 ) -> Problem:
-    """Return the design problem that a file contains.
-
-    - `table`: contents of the file; `path`: path of the file
-    - `options`: key → (flag, value) for the keys that the command line has set
-
-    Raises `ValueError` for an invalid file; the message names the file, the key and the cause.
-    """
+    """Return the design problem in the contents `table` of a file. `options` are the keys that the command
+    line has set, key → (flag, value). Raises `ValueError`, which names the file, the key and the cause, for
+    an invalid file."""
     return _Reader(path, options).problem(table)
 
 
@@ -280,10 +276,8 @@ class _Reader(Reader):
     """Reader of problem files for a design."""
 
     def problem(self, table: dict[str, Any]) -> Problem:
-        """Return the problem of a file with the contents `table`.
-
-        Raises `ValueError`, which names the file, the key and the cause, for invalid contents.
-        """
+        """Return the problem of a file with the contents `table`. Raises `ValueError`, which names the file,
+        the key and the cause, for invalid contents."""
         checked = self.check(ProblemFile, table)
         structure = self.structure(checked.structure, Dimensions)
         podium = as_podium(structure)
@@ -301,11 +295,7 @@ class _Reader(Reader):
         )
 
     def minimise(self, entry: Quantity | LossKeys, motions: Mapping[str, Any], podium: rj.Podium) -> Any:
-        """Return the objective.
-
-        - `entry`: the table `minimise`
-        - `motions`: sets of motions by name; `podium`: the podium of the file
-        """
+        """Return the objective of the table `minimise`. `motions` are the sets of motions by name."""
         parameters = tuple(parameters_of(podium))
         if isinstance(entry, LossKeys):
             for name in entry.cost:
@@ -341,13 +331,9 @@ class _Reader(Reader):
         return rj.Hazard.from_file(self.folder / name).in_si()
 
     def target(self, entry: Entry, where: str, motions: Mapping[str, Any]) -> AbstractTarget:
-        """Return the target of an entry of `[[targets]]`.
-
-        - `entry`: the entry; `where`: key of the entry, for errors; `motions`: sets of motions by name
-
-        Raises `ValueError` for invalid entries, and for kinds and values that are allowed only in checks of a
-        report.
-        """
+        """Return the target of an entry of `[[targets]]`; `where` is the key of the entry, `motions` are the
+        sets of motions by name. Raises `ValueError` for invalid entries, and for kinds and values that are
+        allowed only in checks of a report."""
         kind, arguments = KINDS[entry.kind], dict(entry.arguments)
         if entry.kind not in TARGETS:
             self.fail(
@@ -383,13 +369,8 @@ class _Reader(Reader):
 
 
 def _with_unit_intensity(owner: str, suite: Sequence[Any], measure: str, period: float | None) -> list[Any]:
-    """Return the motions scaled to unit intensity, so that factors on them are intensities.
-
-    - `owner`: prefix of error messages; `suite`: the motions
-    - `measure`, `period`: intensity measure, as for `measure_of`
-
-    Raises `ValueError` for a motion whose intensity is 0.
-    """
+    """Return the motions scaled to unit intensity, so that factors on them are intensities. Measure and
+    period are as for `measure_of`. Raises `ValueError` for a motion whose intensity is 0."""
     measured = np.asarray(measure_of(measure, period, rj.Motions(tuple(as_motions(owner, suite)))).values)
     if not measured.all():
         raise ValueError(f"motion {np.argmin(measured) + 1} has {measure} = 0; leave it out")

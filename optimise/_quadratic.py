@@ -69,12 +69,9 @@ _SUCCESSES = ("Solved", "AlmostSolved")
 def solve(
     model: Model, curvature: np.ndarray, weight: float, penalty: float, lower: Vector, upper: Vector
 ) -> Step | None:
-    """Solve the quadratic program; return None if the solver fails.
-
-    - `model`: linear models of values and margins; `curvature`: B (n, n)
-    - `weight`: weight w of the objective; `penalty`: penalty ν of the largest violation
-    - `lower`, `upper`: bounds of the step d (n,)
-    """
+    """Solve the quadratic program for the step d (n,) between `lower` and `upper`; return None if the solver
+    fails. `curvature` is B (n, n), `weight` that of the objective, w, and `penalty` that of the largest
+    violation, ν."""
     # The unknowns of the solver are d, the largest value after the step minus `largest_value`, and v.
     n, k, m = len(lower), len(model.f), len(model.c)
     largest_value = np.max(model.f)

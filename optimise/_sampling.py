@@ -117,20 +117,15 @@ class SampledTargets:
         ray_target: RayTarget, podium: rj.Podium, log_slopes: dict[str, Vector], n: int
     ) -> MarginSlope:
         """Return the margin and its slope (n,), by the chain rule over the logarithms of the parameters.
-
-        - `ray_target`: the target; `podium`: the structure
-        - `log_slopes`: d ln y/dx (n,) of every parameter y that depends on x; `n`: number of variables
-        """
+        `log_slopes` are d ln y/dx (n,) of every parameter y that depends on x."""
         at_podium = ray_target.at(podium, tuple(log_slopes))
         terms = (at_podium.slopes[name] * log_slope for name, log_slope in log_slopes.items())
         return MarginSlope(at_podium.margin, sum(terms, np.zeros(n)))
 
     def check(self, x: Vector) -> tuple[bool, bool]:
-        """Take an independent sample at x (n,) for each target that has no sample there.
-
-        Returns whether a sample was taken, and whether a new sample differs from the estimate of the search
-        by more than the allowance for scatter between two samples (`RayTarget.spread`).
-        """
+        """Take an independent sample at x (n,) for each target that has no sample there. Returns whether a
+        sample was taken, and whether a new sample differs from the estimate of the search by more than the
+        allowance for scatter between two samples (`RayTarget.spread`)."""
         if self._parameters is None:
             return False, False
         podium, _ = self._parameters(x)

@@ -42,15 +42,13 @@ ROUNDING = 1e-11  # relative decreases of the merit below this are taken as roun
 
 
 def descend(x: Vector, settings: Settings, history: list[Iterate], start: int, first: int = 0) -> Descent:
-    """Minimise the objective from a point: a coroutine that yields points and receives their `Evaluation`s.
+    """Minimise the objective from a point x (n,) in scaled variables: a coroutine that yields points,
+    receives their `Evaluation`s and returns the `End`. It appends iterates to `history`; `start` is their
+    starting point, and `first` the index of the first one.
 
-    - `x`: first point (n,), in scaled variables; `settings`: settings of the descent
-    - `history`: list to which iterates are appended; `start`: index of the starting point, for iterates
-    - `first`: index of the first iteration
-
-    Returns the `End`. Responses have ripples, and the set of points that satisfy the targets may be
-    disconnected. At its end, a descent therefore changes one variable at a time. If this leads to a better
-    point, the descent continues from there.
+    Responses have ripples, and the set of points that satisfy the targets may be disconnected. At its end, a
+    descent therefore changes one variable at a time. If this leads to a better point, the descent continues
+    from there.
     """
     end = yield from _descend(x, settings, history, start, first)
     for _ in range(MAX_AXIS_SEARCHES):
@@ -85,10 +83,8 @@ def _descend(x: Vector, settings: Settings, history: list[Iterate], start: int, 
 
 
 def _search_axes(end: End, settings: Settings) -> Generator[Vector, Evaluation, Vector | None]:
-    """Change one variable at a time from an end, and return the best point that is better than the end.
-
-    Larger changes are tried only if no smaller one leads to a better point. Return None if no change does.
-    """
+    """Change one variable at a time from an end, and return the best point that is better than the end, or
+    None. Larger changes are tried only if no smaller one leads to a better point."""
     best_rank, best_point = rank(end.evaluation), None
     for distance in AXIS_DISTANCES:
         for k in range(len(end.x)):
@@ -131,11 +127,8 @@ class _Trial(NamedTuple):
 
 
 class _DescentState:
-    """State of one descent.
-
-    Methods that may end the descent, such as `end_or_reweight` and `advance`, return its result code, or None
-    if the descent continues.
-    """
+    """State of one descent. Methods that may end the descent, such as `end_or_reweight` and `advance`, return
+    its result code, or None if the descent continues."""
 
     def __init__(
         self,
@@ -247,10 +240,8 @@ class _DescentState:
         return np.maximum(-self.x, -self.merit.radius), np.minimum(1 - self.x, self.merit.radius)
 
     def reset_curvature(self) -> int | None:
-        """Reset the curvature to the identity, because the solver has failed.
-
-        Return `STALLED` if the curvature is the identity already.
-        """
+        """Reset the curvature to the identity, because the solver has failed. Return `STALLED` if it is the
+        identity already."""
         if np.array_equal(self.merit.curvature, np.eye(len(self.x))):
             return STALLED
         self.merit = self.merit._replace(curvature=np.eye(len(self.x)))
@@ -258,10 +249,7 @@ class _DescentState:
 
     def drop_distant_cuts(self) -> int | None:
         """Drop the cuts that are not near (`points_near`) and shrink the trust region, because no step
-        decreases the merit.
-
-        Return the result of the descent if all cuts are near.
-        """
+        decreases the merit. Return the result of the descent if all cuts are near."""
         if len(self.near_points) < len(self.cuts):
             self.merit = self.merit._replace(radius=0.25 * self.merit.radius)
             self.cuts = self.near_points
@@ -279,12 +267,8 @@ class _DescentState:
 
     def decrease_ratio(self, evaluation: Evaluation, predicted: float, rounding: float) -> float:
         """Return the actual decrease of the merit divided by the predicted one; −inf if the evaluation is not
-        finite.
-
-        - `evaluation`: evaluation of the trial point
-        - `predicted`, `rounding`: as `predict_decrease` returns them; `rounding` is added to both decreases,
-          so that rounding errors do not reject a step
-        """
+        finite. `rounding`, as from `predict_decrease`, is added to both decreases, so that rounding errors do
+        not reject a step."""
         if not evaluation.is_finite:
             return -np.inf
         weights = self.merit.weight, self.merit.penalty
@@ -319,10 +303,8 @@ class _DescentState:
         return _Trial(corrected_x, corrected_evaluation, corrected_ratio)
 
     def accept(self, trial: _Trial, step: Step, step_size: float) -> None:
-        """Move to the trial point, and update curvature, radius and cuts.
-
-        The old point becomes a cut if the decrease of the merit was poorly predicted.
-        """
+        """Move to the trial point, and update curvature, radius and cuts. The old point becomes a cut if the
+        decrease of the merit was poorly predicted."""
         merit, ratio = self.merit, trial.ratio
         change = _lagrangian_slope(trial.evaluation, step, self.current) - _lagrangian_slope(
             self.current, step, self.current
@@ -339,10 +321,8 @@ class _DescentState:
         self.x, self.current = trial.x, trial.evaluation
 
     def reject(self, trial: _Trial, step_size: float) -> int | None:
-        """Store the trial point as a cut if its evaluation is finite, and shrink the trust region.
-
-        Return the result of the descent if the radius is then at most a tenth of the tolerance.
-        """
+        """Store the trial point as a cut if its evaluation is finite, and shrink the trust region. Return the
+        result of the descent if the radius is then at most a tenth of the tolerance."""
         if trial.evaluation.is_finite:
             self.cuts.append((trial.x, trial.evaluation))
         self.merit = self.merit._replace(radius=(0.5 if trial.ratio > -1 else 0.25) * step_size)
@@ -355,15 +335,12 @@ class _DescentState:
 def _step_and_penalty(
     model: Model, current: Evaluation, merit: _Merit, lower: Vector, upper: Vector
 ) -> tuple[Step | None, float]:
-    """Return a step and the penalty with which it was computed.
+    """Return a step and the penalty with which it was computed. The step is None if the solver fails; `lower`
+    and `upper` are its bounds (n,).
 
     The penalty is multiplied by 10 until the step removes the whole violation, if any step within the bounds
     can do so, or otherwise 30 % of the part that a step can remove. A penalty of at least `LARGEST_PENALTY`
-    is not raised further. The step is None if the solver fails.
-
-    - `model`: linear models around the current point; `current`: evaluation at this point
-    - `merit`: merit with its curvature, weight and present penalty
-    - `lower`, `upper`: bounds of the step (n,)
+    is not raised further.
     """
     penalty = merit.penalty
     step = solve(model, merit.curvature, merit.weight, penalty, lower, upper)
@@ -382,24 +359,20 @@ def _step_and_penalty(
 
 
 def _lagrangian_slope(trial: Evaluation, step: Step, current: Evaluation) -> Vector:
-    """Return the gradient (n,) of the Lagrangian at the evaluation `trial`, with the multipliers of `step`.
-
-    The multipliers of a step are those of the models built at the current point, followed by those of cuts.
-    Only the former are used: one for each value and each margin of the evaluation `current`.
-    """
+    """Return the gradient (n,) of the Lagrangian at the evaluation `trial`, with the multipliers of `step`:
+    only those of the models built at the current point, one for each value and each margin of `current`, and
+    not those of cuts, which follow them."""
     k, m = len(current.f), len(current.c)
     return step.value_multipliers[:k] @ trial.f_slope - step.margin_multipliers[:m] @ trial.c_slope
 
 
 def _update_bfgs(B: np.ndarray, s: Vector, y: Vector, is_initial: bool) -> tuple[np.ndarray, bool]:
-    """Return Powell's damped BFGS update of B, and True if B was reset to the identity instead.
+    """Return Powell's damped BFGS update of the curvature B (n, n), positive definite, and True if B was
+    reset to the identity instead. `s` is the step (n,), `y` the change of the gradient of the Lagrangian
+    (n,). Eigenvalues are limited to [1e-4, 1e4], because the gradient jumps at kinks.
 
-    - `B`: curvature (n, n), positive definite; `s`: step (n,); `y`: change of the gradient of the Lagrangian
-      (n,)
-    - `is_initial`: True in the first update, and in the first after this function has reset B. Before such an
-      update, B is replaced by a multiple of the identity if the curvature along `s` is positive
-
-    Eigenvalues are limited to [1e-4, 1e4], because the gradient jumps at kinks.
+    `is_initial` is True in the first update, and in the first after this function has reset B. Before such an
+    update, B is replaced by a multiple of the identity if the curvature along `s` is positive.
     """
     if is_initial and s @ y > 0:
         B = np.clip(s @ y / (s @ s), 1e-2, 1e2) * np.eye(len(s))

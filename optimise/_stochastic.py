@@ -128,10 +128,8 @@ class FreshSearch:
         return evaluation._replace(c=c)
 
     def errors(self, k: int) -> Vector:
-        """Return the standard errors (m,) of the margins at start k; 0 for targets with fixed motions.
-
-        The errors combine the scatter of the independent sample and the scatter of the last steps.
-        """
+        """Return the standard errors (m,) of the margins at start k, from the scatter of the independent
+        sample and of the last steps; 0 for targets with fixed motions."""
         offsets = self.margin_offsets
         standard_errors = np.zeros(offsets[-1])
         for index, estimate in self.estimates[k].items():

@@ -39,14 +39,8 @@ class Suite(Module):
     def of(
         cls, excitations: AnyMotions | FreshSamples, owner: str = "Suite", name: str = "excitations"
     ) -> Suite:
-        """Return a suite of motions.
-
-        - `excitations`: a motion, several motions, or fresh samples. The suite of fresh samples contains the
-          batch of step 0
-        - `owner`, `name`: class or function, and its argument, for error messages
-
-        Raises `ValueError` for an empty set and for members that are not ground motions.
-        """
+        """Return a suite of motions; for fresh samples, with the batch of step 0. Raises `ValueError` for an
+        empty set and for members that are not ground motions."""
         if isinstance(excitations, FreshSamples):
             return cls((excitations.draw(0),), tuple(range(excitations.batch)), excitations)
         motions = single_motions(owner, excitations, name).members
@@ -112,11 +106,8 @@ class Suite(Module):
         return Suite((records,), self.order)
 
     def responses(self, podium: rj.Podium, options: rj.Options, outputs: tuple[Any, ...]) -> rj.Peak:
-        """Return the peak responses to all motions (k,); NaN where a simulation did not finish.
-
-        - `podium`: the structure; `options`: options of the simulations
-        - `outputs`: the requested outputs, as in `rockjax.Options`; they replace those of `options`
-        """
+        """Return the peak responses to all motions (k,); NaN where a simulation did not finish. `outputs`
+        replace those of `options`."""
         options = options.replace(outputs=outputs, throw=False)
         peaks = self.map_motions(lambda motion: rj.peak_response(podium, motion, options=options))
         is_answered = has_answer(peaks)
@@ -129,13 +120,9 @@ class Suite(Module):
     def peaks(
         self, podium: rj.Podium, options: rj.Options, outputs: tuple[Any, ...], names: tuple[str, ...]
     ) -> dict[str, np.ndarray]:
-        """Simulate all motions on all cores; outside jit and grad. Return name → values, in the order of the
-        motions.
-
-        - `podium`: the structure; `options`: options of the simulations
-        - `outputs`: the requested outputs, as in `rockjax.Options`; they replace those of `options`
-        - `names`: names of the attributes of `rockjax.Peak` to return; for `result`, its codes are returned
-        """
+        """Simulate all motions on all cores; outside jit and grad. Return the attributes `names` of
+        `rockjax.Peak`, name → values in the order of the motions; for `result`, its codes. `outputs` replace
+        those of `options`."""
         options = options.replace(outputs=outputs, throw=False)
         peaks = [rj.peak_responses(podium, group, options=options) for group in self.groups]
         order = list(self.order)
@@ -153,18 +140,14 @@ class Suite(Module):
 
 
 def has_answer(response: Any) -> Bool[Array | np.ndarray, "*batch"]:
-    """Return whether each simulation finished: it settled, reached its end time or overturned.
-
-    `response` is that of a podium or of a secondary system, with the attribute `result`.
-    """
+    """Return whether each simulation finished: it settled, reached its end time or overturned. `response` is
+    that of a podium or of a secondary system, with the attribute `result`."""
     return ~did_not_finish(code_of(response.result))
 
 
 def _order(indices: list[list[int]]) -> tuple[int, ...]:
-    """Return, for each motion, its index in the concatenated groups.
-
-    `indices` holds the indices of the motions in each group.
-    """
+    """Return, for each motion, its index in the concatenated groups. `indices` holds the indices of the
+    motions in each group."""
     concatenated = [k for group in indices for k in group]
     return tuple(concatenated.index(k) for k in range(len(concatenated)))
 
@@ -179,10 +162,8 @@ def _stack_motions(motions: list[Any]) -> rj.AbstractExcitation:
 
 
 def _vmap_axes(group: rj.AbstractExcitation) -> Any:
-    """Return the argument `in_axes` of `jax.vmap` for a group.
-
-    Records share one table of samples, so only the fields `which` and `scale` have an axis of motions.
-    """
+    """Return the argument `in_axes` of `jax.vmap` for a group. Records share one table of samples, so only
+    the fields `which` and `scale` have an axis of motions."""
     if not isinstance(group, rj.Records):
         return 0
     unmapped = jax.tree.map(lambda _: None, group)

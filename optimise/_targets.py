@@ -96,19 +96,14 @@ class AbstractResponseTarget(AbstractTarget, AbstractResponses):
 
 
 def severity(peaks: rj.Peak, options: rj.Options) -> Values:
-    """Return max|θ|/α [–] for each motion or, if the columns overturn, overturn_ratio − M.
-
-    M < 0 is the overturning margin, so this value increases with the speed of the fall.
-    """
+    """Return max|θ|/α [–] for each motion or, if the columns overturn, overturn_ratio − M. M < 0 is the
+    overturning margin, so this value increases with the speed of the fall."""
     return jnp.where(peaks.overturned, options.overturn_ratio - peaks.margin, peaks.peak_rotation)
 
 
 def require_limit(owner: str, name: str, value, below: float = np.inf) -> float:
-    """Return `value` as a float. Raises `ValueError` unless it is one number, not traced, > 0 and < `below`.
-
-    - `owner`, `name`: class and argument, for the error message
-    - `value`: the number; `below`: exclusive upper limit
-    """
+    """Return `value` as a float. Raises `ValueError`, which names `owner` and `name`, unless it is one
+    number, not traced, > 0 and < `below`."""
     if isinstance(value, Tracer):
         raise ValueError(
             f"{owner}: {name} must be a number, not a traced value; create the {owner} outside jit and grad"
@@ -226,10 +221,8 @@ class OverturningAcceleration(AbstractTarget):
 
 def _least_scale(podium: rj.Podium, motion, max_scale, width, options: rj.Options) -> Float[Array, ""]:
     """Return the least factor on a motion that overturns the columns: inf if it exceeds `max_scale`, NaN if
-    simulations below it did not finish, so that a lower factor may overturn the columns.
-
-    - `podium`, `motion`, `max_scale`, `width`, `options`: as for `rockjax.overturning_boundary`
-    """
+    simulations below it did not finish, so that a lower factor may overturn the columns. Arguments are as for
+    `rockjax.overturning_boundary`."""
     boundary = rj.overturning_boundary(podium, motion, max_scale=max_scale, options=options, width=width)
     is_uncertain = boundary.certain_width > ROUNDING_ALLOWANCE * width * max_scale
     return jnp.where(is_uncertain, jnp.nan, boundary.scale)
@@ -287,13 +280,8 @@ class AbstractScaleTarget(AbstractTarget):
 
 
 def _scale_range(owner: str, at_least, max_scale, width) -> tuple[float, float, float]:
-    """Return `at_least`, `max_scale` and `width` as floats; a `max_scale` of None becomes 3 times `at_least`.
-
-    - `owner`: class, for error messages
-    - `at_least`, `max_scale`, `width`: as for `OverturningScale`
-
-    Raises `ValueError` for values out of range.
-    """
+    """Return `at_least`, `max_scale` and `width` of `OverturningScale` as floats; a `max_scale` of None
+    becomes 3 times `at_least`. Raises `ValueError` for values out of range."""
     width = require_limit(owner, "width", width, below=0.1)
     at_least = require_limit(owner, "at_least", at_least)
     max_scale = 3.0 * at_least if max_scale is None else require_limit(owner, "max_scale", max_scale)
@@ -433,10 +421,8 @@ class OverturningProbability(AbstractResponseTarget):
 
 
 def _smoothed_quantile(values: Values, share, bandwidth) -> Float[Array, ""]:
-    """Return the number m for which the mean of Φ((m − values)/bandwidth) is `share`.
-
-    Φ is the standard normal distribution function. Derivatives follow from the implicit function theorem.
-    """
+    """Return the number m for which the mean of Φ((m − values)/bandwidth) is `share`, with the standard
+    normal distribution function Φ. Derivatives follow from the implicit function theorem."""
     constant = jax.lax.stop_gradient(values)
 
     def halve(_, bracket):

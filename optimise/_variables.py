@@ -103,14 +103,9 @@ class Variables(Module):
 def make_variables(
     base: Structure, vary: Mapping[str, tuple[float, float]], owner: str = "design"
 ) -> Variables:
-    """Return the variables of a structure.
-
-    - `base`: the structure; `vary`: name → (lowest, highest), unscaled
-    - `owner`: name of the public function, for error messages
-
-    Raises `ValueError` for a structure with arrays of parameters, for an empty `vary`, for unknown names, for
-    two names of the same quantity, and for bounds that are not a range or that define no valid structure.
-    """
+    """Return the variables of a structure. `vary` is name → (lowest, highest), unscaled. Raises `ValueError`
+    for a structure with arrays of parameters, for an empty `vary`, for unknown names, for two names of the
+    same quantity, and for bounds that are not a range or that define no valid structure."""
     if not isinstance(base, Structure):
         raise ValueError(f"{owner}: podium must be a rockjax.Podium or an optimise.Dimensions, got {base!r}")
     if not isinstance(vary, Mapping) or not vary:
@@ -160,10 +155,8 @@ def is_logarithmic(low: float, high: float) -> bool:
 
 
 def as_bounds(owner: str, name: str, pair: Any) -> tuple[float, float]:
-    """Return the bounds of a variable as floats. Raises `ValueError` unless `pair` is two finite numbers.
-
-    `owner`: name of the public function, for error messages; `name`: name of the variable
-    """
+    """Return the bounds of a variable as floats. Raises `ValueError`, with `owner` in the message, unless
+    `pair` is two finite numbers."""
     try:
         low, high = map(float, as_float(pair).tolist())
     except (TypeError, ValueError):
@@ -176,13 +169,9 @@ def as_bounds(owner: str, name: str, pair: Any) -> tuple[float, float]:
 
 
 def numbers_as_arrays(base: Structure) -> Structure:
-    """Turn the Python numbers of an `optimise.Dimensions` into arrays, so that other values need no other
-    compilation.
-
-    Compiled programs take arrays as arguments and contain Python numbers as constants. Zeros stay Python
-    numbers, because a zero may mean that a component is absent. For example, a top mass of 0 means that there
-    is no superstructure.
-    """
+    """Turn the Python numbers of an `optimise.Dimensions`, which compiled programs contain as constants, into
+    arrays, so that other values need no other compilation. Zeros stay Python numbers, because a zero may mean
+    that a component is absent: a top mass of 0 means no superstructure."""
     if isinstance(base, rj.Podium):
         return base
     is_unchanged = lambda y: isinstance(y, str) or array_module(y).all(y == 0)
@@ -263,11 +252,9 @@ def parameter(base: Structure, name: str) -> Parameter:
 
 
 def _row_entry(name: str) -> tuple[Parameter | None, int]:
-    """Return the row of dimensions and the position in this row, from 1, that the name of a variable denotes.
-
-    For example, `story_mass_2` denotes position 2 of `story_masses`. Return (None, 0) for a name that denotes
-    no position in a row.
-    """
+    """Return the row of dimensions and the position in this row, from 1, that the name of a variable denotes:
+    `story_mass_2` denotes position 2 of `story_masses`. Return (None, 0) for a name that denotes no position
+    in a row."""
     row, _, position = name.rpartition("_")
     is_in_row = row in ROWS_OF_DIMENSIONS and position.isdecimal()
     return (ROWS_OF_DIMENSIONS[row], int(position)) if is_in_row else (None, 0)

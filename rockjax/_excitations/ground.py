@@ -249,11 +249,8 @@ class SharedPieces(GroundMotion):
 
 @dataclasses.dataclass(frozen=True)
 class Proportional:
-    """Function (a_p, T_p) ↦ pulse with a proportional vertical component, v̈_g = `ratio` · ü_g.
-
-    - `pulse`: function (a_p, T_p) ↦ component, proportional to a_p
-    - `ratio`: finite number [–]
-    """
+    """Function (a_p, T_p) ↦ pulse with a proportional vertical component, v̈_g = `ratio` · ü_g. `pulse` is a
+    function (a_p, T_p) ↦ component, proportional to a_p."""
 
     pulse: Callable[[Any, Any], AbstractExcitation]
     ratio: float

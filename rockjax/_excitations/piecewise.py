@@ -42,12 +42,8 @@ class PiecewiseMotion(AbstractExcitation):
 
     @classmethod
     def through(cls, times: Array, values: Array, jumps: Array) -> Self:
-        """Return the motion whose acceleration has given values at the `NODES` of each interval between
-        breakpoints.
-
-        - `times`, `jumps`: the fields of the motion with these names, shape (n,)
-        - `values`: accelerations [m/s²], shape (n, DEGREE + 1); the last row is not used
-        """
+        """Return the motion whose acceleration has the `values` [m/s²], shape (n, DEGREE + 1), at the `NODES`
+        of each interval between breakpoints; the last row is not used."""
         return cls(times, values @ jnp.asarray(FROM_VALUES.T, values.dtype), jumps)
 
     @property

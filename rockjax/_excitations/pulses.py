@@ -43,12 +43,8 @@ _HALVINGS, _NEWTON_STEPS = 10, 5  # numbers of bisections and Newton steps in a 
 
 def _root(f: Callable[[Array], Array], lo: Array, hi: Array) -> Array:
     """Return the root of an increasing function f in [lo, hi], rounded to the side with f > 0, or hi if there
-    is no root.
-
-    A fixed number of bisections and Newton steps narrows the interval. Further bisections follow until no
-    floating-point number lies between the ends of the interval. Many further bisections are needed only if f
-    is flat at the root.
-    """
+    is no root. A fixed number of bisections and Newton steps narrows the interval. Bisections follow until no
+    floating-point number lies between its ends; they are many only if f is flat at the root."""
     is_positive = lambda z: f(z) > 0
     lo = jnp.where((f(lo) <= 0) & is_positive(hi), lo, hi)
     hi, lo = bisect(is_positive, hi, lo, _HALVINGS, jnp)
@@ -238,15 +234,10 @@ class AbstractPulse(AbstractExcitation):
         return _PulseLookahead(a_p, T_p, lead, trail, type(self))
 
     def _level_crossings(self, level: Value, tops: np.ndarray, rises: bool) -> Array:
-        """Return the times τ at which |s| crosses a level, one for each monotone interval.
-
-        - `level`: the level of |s| [–]
-        - `tops`: values of the shape s at one end of each interval
-        - `rises`: True if `tops` are the values at the right ends, to which |s| rises; False if they are
-          the values at the left ends, from which |s| falls
-
-        The result is arbitrary for intervals on which |`tops`| is below the level.
-        """
+        """Return the times τ at which |s| crosses a level [–], one for each monotone interval. `tops` are the
+        values of the shape s at the right end of each interval, to which |s| rises, if `rises`; otherwise at
+        the left end, from which |s| falls. The result is arbitrary for intervals on which |`tops`| is below
+        the level."""
         knots = np.asarray(self.knots())
         high = np.flatnonzero(np.abs(tops) > _NEGLIGIBLE)
         sign = np.sign(tops[high]) if rises else -np.sign(tops[high])

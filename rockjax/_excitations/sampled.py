@@ -30,11 +30,8 @@ RECORD_SIZES, TABLE_SIZES = (8192, 4), (2048, 2)
 
 
 def common_size(count: int, least: int, ratio: int) -> int:
-    """Return the smallest size ≥ `count` that is `least` times a power of `ratio`.
-
-    Samples are padded to such sizes, since each size needs a compiled program. A scene with padding takes
-    little longer.
-    """
+    """Return the smallest size ≥ `count` that is `least` times a power of `ratio`. Samples are padded to such
+    sizes, since each size needs a compiled program. A scene with padding takes little longer."""
     size = least
     while size < count:
         size *= ratio
@@ -280,11 +277,8 @@ class SampledLookahead(AbstractLookahead):
 
     def _next_sample(self, first: Index, threshold: Value) -> Index:
         """Return the index ≥ `first` of the next sample with |ü_g| above the threshold, or the number of
-        samples if there is none.
-
-        The search skips nodes of the tree of maxima that are below the threshold. The number of visited nodes
-        is therefore proportional to the logarithm of the length of the record.
-        """
+        samples if there is none. The search skips nodes of the tree of maxima that are below the threshold,
+        so the number of visited nodes is proportional to the logarithm of the length of the record."""
         tree = self.tree
         assert tree is not None
         leaves = tree.shape[-1] // 2
@@ -312,11 +306,9 @@ class SampledLookahead(AbstractLookahead):
 
 
 def _tree_of_maxima(values: Float[Array, "*table n"]) -> Float[Array, "*table m"]:
-    """Return the tree of maxima along the last axis.
-
-    Node 1 is the root, and node k is the larger of its children 2k and 2k+1. The second half of the array
-    holds the leaves: the values, padded with zeros to a power of two. Node 0 is not used.
-    """
+    """Return the tree of maxima along the last axis. Node 1 is the root, and node k is the larger of its
+    children 2k and 2k+1. The second half of the array holds the leaves: the values, padded with zeros to a
+    power of two. Node 0 is not used."""
     n = values.shape[-1]
     leaves = 1 << (n - 1).bit_length()
     rows = [jnp.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, leaves - n)])]

@@ -31,11 +31,9 @@ SAMPLES_OF_TWO_PERIODS = 257  # number of samples in the search for the largest 
 
 
 class _BoundedLookahead(AbstractLookahead):
-    """Lookahead of a smooth motion with |ü_g| ≤ `amplitude` [m/s²] and |d²ü_g/dt²| ≤ `curvature` [m/s⁴].
-
-    The motion is a harmonic with an envelope that decreases with |t|. In `period` [s], the phase of the
-    harmonic increases by at least 2π.
-    """
+    """Lookahead of a smooth motion with |ü_g| ≤ `amplitude` [m/s²] and |d²ü_g/dt²| ≤ `curvature` [m/s⁴]. The
+    motion is a harmonic with an envelope that decreases with |t|. In `period` [s], the phase of the harmonic
+    increases by at least 2π."""
 
     motion: AbstractExcitation
     threshold: Value | None
@@ -44,11 +42,9 @@ class _BoundedLookahead(AbstractLookahead):
     period: Value
 
     def next_exceedance(self, t: Value, piece: Index) -> Value:
-        """Return the first time ≥ t at which |ü_g| exceeds the threshold [s], or inf if there is none.
-
-        A step of the search cannot pass a crossing: the step ends where the motion would reach the threshold
-        if d²ü_g/dt² were as large as its bound. The search converges quadratically.
-        """
+        """Return the first time ≥ t at which |ü_g| exceeds the threshold [s], or inf if there is none. A step
+        of the search ends where the motion would reach the threshold if d²ü_g/dt² were as large as its bound,
+        so no step passes a crossing. The search converges quadratically."""
         del piece
         threshold = self.threshold
         assert threshold is not None

@@ -121,13 +121,8 @@ def warn_if_implausible(
 ) -> None:
     """Warn (`RecordWarning`) if PGA, sampling interval or final velocity of a motion is implausible, if the
     file is damaged, or if the data are raw (not corrected). The final velocity of raw data is not checked.
-
-    - `motion`: motion read from a file
-    - `where`: name of the file, for messages
-    - `stacklevel`: stack level as in `warnings.warn`; 1 is this function
-    - `unit_from_user`: whether the user has passed `units`. If the unit is m/s², the lowest plausible PGA is
-      then `LOWEST_USER_PGA`
-    """
+    `unit_from_user` states that the user has passed `units`; if the unit is m/s², the lowest plausible PGA is
+    then `LOWEST_USER_PGA`. A `stacklevel` of 1 is this function."""
     if not LOWEST_PGA <= motion.pga <= HIGHEST_PGA:
         warn_about_units(
             f"{where}: PGA is {motion.pga / STANDARD_GRAVITY:.3g} g; are the units right?",

@@ -77,11 +77,8 @@ def as_batch(owner: str, value, name: str = "excitations") -> AbstractExcitation
 
 def as_records(owner: str, value, name: str = "records") -> tuple[Records | RecordPairs, list[str] | None]:
     """Return records as one table, and the names of the records. Pairs of a horizontal and a vertical record
-    become `RecordPairs`.
-
-    The names are None if any record has no name; a table does not store names. Raises `ValueError` for
-    motions that are not records.
-    """
+    become `RecordPairs`. The names are None if any record has no name; a table does not store names. Raises
+    `ValueError` for motions that are not records."""
     if isinstance(value, RecordPairs):
         return RecordPairs(*(_complete_table(owner, getattr(value, part), name) for part in PARTS)), None
     if isinstance(value, Records):

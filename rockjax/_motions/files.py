@@ -14,13 +14,8 @@ from .formats import TIME_TOLERANCE, parse
 
 
 def check_arguments(path: Path, units, dt, component) -> None:
-    """Raise `ValueError` for invalid arguments of a reader.
-
-    - `path`: file or folder, named in messages
-    - `units`: must be a key of `RECORD_UNITS`, or None
-    - `dt`: must be > 0 [s], or None
-    - `component`: must be the number or name of a channel, or None
-    """
+    """Raise `ValueError`, which names the file or folder `path`, unless `units` is a key of `RECORD_UNITS`,
+    `dt` is > 0 [s] and `component` is the number or name of a channel. Each may be None."""
     if not isinstance(component, int | str | None):
         raise ValueError(
             f"{path}: component must be the number or name of a channel, got {format_value(component)}"
@@ -34,13 +29,8 @@ def check_arguments(path: Path, units, dt, component) -> None:
 def read(
     path: str | Path, units: str | None, dt: float | None, component: int | str | None = None
 ) -> Accelerogram:
-    """Read the ground motion in a file, without plausibility checks.
-
-    - `path`: file
-    - `units`: unit of the samples, if the file does not state it; otherwise None, or the same unit
-    - `dt`: sampling interval [s], if the file states neither the interval nor times; otherwise None, or the
-      same interval
-    - `component`: number or name of a channel, if the file has several; otherwise None
+    """Read the ground motion in a file, without plausibility checks. The arguments are as for
+    [`rockjax.read_motion`][].
 
     The metadata of the result contain the file header, the unit of the file as `units`, and for raw data the
     entry `processing`. Raises a `ValueError` that names the file, the cause and, where possible, the line.

@@ -70,15 +70,10 @@ class Heading(NamedTuple):
 
 
 def parse_heading(location: str, text: str) -> Heading:
-    """Return quantity, unit and investigation time of a heading.
-
-    - `location`: file and line, for messages
-    - `text`: the heading, such as `PGA [g]`, `Acc (cm/s2)`, `time, ms`, `a / g`, `accel_mg`, `Sa(0.3) (g)` or
-      `probability of exceedance in 50 years`
-
-    Raises `ValueError`, which quotes the heading, for an unknown unit in brackets, and for a unit that
-    does not match the quantity.
-    """
+    """Return quantity, unit and investigation time of a heading, such as `PGA [g]`, `Acc (cm/s2)`, `time,
+    ms`, `a / g`, `accel_mg`, `Sa(0.3) (g)` or `probability of exceedance in 50 years`. Raises `ValueError`,
+    which quotes the heading, for an unknown unit in brackets, and for a unit that does not match the
+    quantity."""
     words = " ".join(text.split()).strip("\"' ")
     years, standard_name = None, None
     if _match_quantity(words) == "probability":
@@ -112,13 +107,9 @@ def _match_quantity(words: str) -> str:
 
 
 def _split(location: str, text: str, words: str) -> tuple[str, str | None]:
-    """Split the words of a heading into quantity and unit. The unit is None if there is none.
-
-    - `location`, `text`: file and line, and the whole heading, for messages
-    - `words`: the heading without investigation time and spectral period
-
-    Raises `ValueError` for an unknown unit in brackets.
-    """
+    """Split `words`, the heading without investigation time and spectral period, into quantity and unit. The
+    unit is None if there is none. Raises `ValueError`, which quotes the whole heading `text`, for an unknown
+    unit in brackets."""
     if (unit := unit_of(words)) and not _match_quantity(words):
         return "", unit
     if brackets := _BRACKETS.search(words):

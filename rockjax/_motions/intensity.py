@@ -61,11 +61,8 @@ def significant_duration(motion: Accelerogram, start: float = 0.05, end: float =
 
 def spectral_acceleration(motion: Accelerogram, period: float, damping: float = 0.05) -> float:
     """Return the pseudo-spectral acceleration Sa(T) = ω² max|u| [m/s²] of a linear oscillator that is
-    initially at rest. u is its displacement relative to the ground, and ω = 2π/T.
-
-    - `motion`: ground motion
-    - `period`: period T ≥ 0 [s]; 0 gives PGA
-    - `damping`: damping ratio ζ, 0 ≤ ζ < 1 [–]
+    initially at rest. u is its displacement relative to the ground, ω = 2π/T, and T ≥ 0 the `period` [s]; 0
+    gives PGA. The damping ratio is in [0, 1).
 
     The maximum is exact for a motion that is linear between samples and zero after the last sample. The
     maximum may occur between samples, or during the free vibration after the motion.
@@ -91,8 +88,6 @@ def measure_motion(
     """Return the value of an intensity measure in SI units, and an exponent n: if the motion is multiplied by
     a factor f ≥ 0, the value is multiplied by fⁿ.
 
-    - `owner`: function that error messages name
-    - `motion`: ground motion
     - `measure`: `"PGA"`, `"PGV"`, `"PGD"`, `"CAV"`, `"arias_intensity"` or `"Sa"`
     - `period`: period of Sa, ≥ 0 [s]; None for other measures
     - `damping`: damping ratio of Sa, 0 ≤ ζ < 1 [–]
@@ -126,14 +121,9 @@ SA_LABEL = re.compile(r"Sa\((?P<period>[0-9.eE+-]+) s\)")
 
 
 def measure_by_label(owner: str, motion: Accelerogram, label: str) -> float:
-    """Return the value of an intensity measure in SI units, by its label in hazard and fragility curves.
-
-    - `owner`: function that error messages name
-    - `motion`: ground motion
-    - `label`: `"PGA"`, `"PGV"`, or a label such as `"Sa(0.5 s)"`; Sa has 5 % damping
-
-    Raises `ValueError` for other labels.
-    """
+    """Return the value of an intensity measure in SI units, by its label in hazard and fragility curves:
+    `"PGA"`, `"PGV"`, or a label such as `"Sa(0.5 s)"`; Sa has 5 % damping. Raises `ValueError` for other
+    labels."""
     match = SA_LABEL.fullmatch(label)
     if match:
         return measure_motion(owner, motion, "Sa", float(match["period"]), 0.05)[0]

@@ -196,12 +196,8 @@ _refit_stacked = StoredProgram(_refit_leaves)
 
 def _starting_pulses(velocity: np.ndarray, dt: float, frequencies: np.ndarray) -> list[PulseFit]:
     """Return at most four pulses from which least-squares fits start, the one with the largest explained
-    share first. Each has a frequency at which the explained share has a local maximum.
-
-    - `velocity`: velocity of the record, shape (n,) [m/s]
-    - `dt`: sampling interval [s]
-    - `frequencies`: possible frequencies [Hz]; for each, the best γ, time, amplitude and phase are computed
-    """
+    share first. Each has one of `frequencies` [Hz] at which the explained share has a local maximum, with the
+    best γ, time, amplitude and phase. `velocity` is that of the record, shape (n,) [m/s]."""
     total = float(velocity @ velocity)
     best = [max(_best_pulse(velocity, dt, f, gamma) for gamma in OSCILLATIONS) for f in frequencies]
     shares = np.array([explained for explained, *_ in best]) / total
@@ -215,12 +211,9 @@ def _starting_pulses(velocity: np.ndarray, dt: float, frequencies: np.ndarray) -
 
 
 def _best_pulse(velocity: np.ndarray, dt: float, f_p: float, gamma: float) -> tuple[float, ...]:
-    """Return the best pulse with a given frequency and number of oscillations: the explained part of Σv²
-    [m²/s²], the time of the pulse's centre [s], A [m/s], γ [–] and ν [rad].
-
-    - `velocity`, `dt`: velocity of the record, shape (n,) [m/s], and its sampling interval [s]
-    - `f_p`, `gamma`: frequency [Hz] and number of oscillations γ [–] of the pulse
-    """
+    """Return the best pulse with a given frequency [Hz] and number of oscillations: the explained part of Σv²
+    [m²/s²], the time of the pulse's centre [s], A [m/s], γ [–] and ν [rad]. `velocity` is that of the record,
+    shape (n,) [m/s]."""
     from scipy.signal import fftconvolve
 
     half_count = math.floor(0.5 * gamma / f_p / dt)  # number of samples on each side of the centre

@@ -108,15 +108,9 @@ def _named_motions(argument: Any) -> list[Motion]:
 
 
 def record_coords(records: Records | RecordPairs, argument: Any = None) -> dict[str, Any]:
-    """Return dataset coordinates along the dimension `record` that identify records.
-
-    - `records`: table of the records
-    - `argument`: motions from which the table was made, or None
-
-    The coordinates are dt [s], PGA [m/s²] and checksum of every record. For pairs, these are the values of
-    the horizontal record. If `argument` gives a source file for every record, the sources are another
-    coordinate. If it gives a seed for every record, the seeds are another one.
-    """
+    """Return dataset coordinates along the dimension `record` that identify records: dt [s], PGA [m/s²] and
+    checksum of every record; for pairs, of the horizontal record. If `argument`, the motions from which the
+    table was made, gives a source file or a seed for every record, these are further coordinates."""
     table = records.horizontal if isinstance(records, GroundMotion) else records
     assert isinstance(table, Records)
     rows = [

@@ -171,13 +171,9 @@ def _read_all(
     *,
     advises_pattern: bool,
 ) -> Motions:
-    """Read the files of a folder or table.
-
-    - `path`: the folder or table, for messages
-    - `rows`: for each file, its location for messages, and its cells of the table by heading
-    - `units`, `dt`, `scale`, `component`: as for `read_suite`
-    - `advises_pattern`: whether the message about unreadable files advises the argument `pattern`
-    """
+    """Read the files of a folder or table. `rows` contains, for each file, its location for messages, and its
+    cells of the table by heading. `advises_pattern` states that the message about unreadable files advises
+    the argument `pattern`. Other arguments are as for `read_suite`."""
     motions, problems = [], []
     for location, row in rows:
         row_dt, row_scale = _parse_cell(location, row, "dt"), _parse_cell(location, row, "scale")

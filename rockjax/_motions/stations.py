@@ -63,12 +63,9 @@ def _station_key(motion: Accelerogram) -> tuple[str, ...]:
 
 def _match_name(motion: M, vertical: dict[tuple, list[M]]) -> list[M]:
     """Return the vertical motions that match `motion` by name. The list is empty if the header of `motion`
-    states a station.
-
-    The stem of a vertical motion is its name without the suffix of the component. A vertical motion matches
-    if its stem is the beginning of the name of `motion` and does not divide a number. Only the matches with
-    the longest stem are returned.
-    """
+    states a station. A vertical motion matches if its stem, the name without the suffix of the component, is
+    the beginning of the name of `motion` and does not divide a number. Only the matches with the longest stem
+    are returned."""
     if motion.metadata.get("station"):
         return []
     stems = [(split_name(other.name)[0], other) for others in vertical.values() for other in others]
@@ -86,11 +83,8 @@ def _begins_with(name: str, stem: str) -> bool:
 
 def _match_depth(motion: M, others: list[M]) -> list[M]:
     """Return the vertical motions among `others`, all from one station, that are from the same depth as
-    `motion`. If there is none, or if `others` has only one element, return `others`.
-
-    In KiK-net, the names of components end in 1 in the borehole and in 2 at the surface, so UD1 belongs to
-    EW1.
-    """
+    `motion`. If there is none, or if `others` has only one element, return `others`. In KiK-net, the names of
+    components end in 1 in the borehole and in 2 at the surface, so UD1 belongs to EW1."""
     if len(others) < 2:
         return others
 

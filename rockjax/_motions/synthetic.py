@@ -71,42 +71,27 @@ def envelope(t: np.ndarray, duration: float, peak: float, end: float) -> np.ndar
 
 
 def _normal(seed: int, k: int, count: int) -> np.ndarray:
-    """Return `count` standard normal numbers for motion k.
-
-    The method of Box & Muller computes them from bits of the generator PCG64. Every version of NumPy returns
-    the same bits, whereas the numbers of `Generator.standard_normal` may change between versions.
-    """
+    """Return `count` standard normal numbers for motion k. The method of Box & Muller computes them from bits
+    of the generator PCG64, which are the same in every version of NumPy; the numbers of
+    `Generator.standard_normal` may change."""
     bits = np.random.PCG64(np.random.SeedSequence([seed, k])).random_raw(2 * count)
     u, v = ((bits >> np.uint64(11)).astype(float) + 0.5).reshape(2, count) * 2.0**-53
     return np.sqrt(-2 * np.log(u)) * np.cos(2 * math.pi * v)
 
 
 def _noise(seed: int, k: int, count: int, dt: float, soil: Soil) -> np.ndarray:
-    """Return stationary noise, shape (count,) [–]. Its spectral density is proportional to
-    `spectral_density`.
-
-    The result of a filter by FFT is periodic. Therefore noise of twice the length is filtered, and its first
-    half is returned.
-
-    - `seed`, `k`: seed, and index of the motion from 0
-    - `count`, `dt`: number of samples, and sampling interval [s]
-    - `soil`: parameters of the spectral density
-    """
+    """Return stationary noise for motion k (from 0), shape (count,) [–]. Its spectral density is proportional
+    to `spectral_density`. The result of a filter by FFT is periodic. Therefore noise of twice the length is
+    filtered, and its first half is returned."""
     white = np.fft.rfft(_normal(seed, k, 2 * count))
     omega = 2 * math.pi * np.fft.rfftfreq(2 * count, dt)
     return np.fft.irfft(white * np.sqrt(spectral_density(omega, soil)), 2 * count)[:count]
 
 
 def _end_at_rest(acceleration: np.ndarray, dt: float, weight: np.ndarray, at_origin: bool) -> np.ndarray:
-    """Return an acceleration, corrected so that the motion ends with zero velocity.
-
-    The correction is `weight` times a constant. With `at_origin`, it is `weight` times a straight line, so
-    that the displacement at the end is zero, too. The correction is subtracted.
-
-    - `acceleration`, `dt`: samples, shape (n,) [m/s²], and sampling interval [s]
-    - `weight`: factor on the constant or line at each sample, shape (n,) [–]
-    - `at_origin`: whether the displacement at the end must be zero
-    """
+    """Return an acceleration, shape (n,) [m/s²], corrected so that the motion ends with zero velocity and,
+    with `at_origin`, zero displacement. The subtracted correction is `weight`, shape (n,) [–], times a
+    constant or, with `at_origin`, times a straight line."""
 
     def final_values(a):
         motion = Motion(a, dt)
@@ -225,14 +210,9 @@ def synthetic_motions(
 
 
 def _pulse(pulse: MavroeidisPapageorgiou, t: np.ndarray, peak: float) -> np.ndarray:
-    """Return the samples of a pulse [m/s²], corrected within its duration so that it ends with zero velocity.
-
-    - `pulse`: the pulse
-    - `t`: times of the samples from 0, shape (n,) [s]
-    - `peak`: time of the peak of the envelope, divided by the duration [–]
-
-    Raises `ValueError` for a pulse that is longer than the motion.
-    """
+    """Return the samples of a pulse [m/s²] at the times `t`, shape (n,) [s], from 0, corrected within its
+    duration so that it ends with zero velocity. `peak` is the time of the peak of the envelope, divided by
+    the duration [–]. Raises `ValueError` for a pulse that is longer than the motion."""
     A, f_p, gamma, nu = (float(x) for x in (pulse.A, pulse.f_p, pulse.gamma, pulse.nu))
     half = 0.5 * gamma / f_p
     if 2 * half > t[-1]:

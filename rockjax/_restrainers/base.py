@@ -53,11 +53,8 @@ class AbstractRestrainer(Module):
         """Raise `ValueError` for invalid parameters; the message begins with `owner`."""
 
     def _force(self, stretch: Value, rate: Value, slip: Value) -> Value | float:
-        """Return the force in the device divided by m_c g, positive in tension.
-
-        - `stretch`, `rate`: dimensionless stretch and stretch rate
-        - `slip`: dimensionless rate below which a force with an infinite slope at zero rate is smoothed
-        """
+        """Return the force in the device divided by m_c g, positive in tension. Below the dimensionless rate
+        `slip`, a force with an infinite slope at zero rate is smoothed."""
         del stretch, rate, slip
         return 0.0
 

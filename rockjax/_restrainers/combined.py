@@ -75,11 +75,8 @@ def _sum(terms: Sequence[Number | None]) -> Number | None:
 
 def stability_angle(alpha: Number, weight: Number, restrainers: Sequence[AbstractRestrainer]) -> Number:
     """Return θ_s of (C7) [rad], the smallest |θ| in (0, π/2] at which gravity and restrainers together no
-    longer turn the column back; inf if they always do.
-
-    - `alpha`: α [rad]
-    - `weight`: w = γ+η+½, with the mass ratios γ of the beam and η of the superstructure [–]
-    - `restrainers`: devices of a column
+    longer turn the column back; inf if they always do. `weight` is w = γ+η+½, with the mass ratios γ of the
+    beam and η of the superstructure [–].
 
     Up to α, both gravity and restrainers turn the column back, so θ_s ≥ α. Between α and π/2, the restoring
     moment V' of (C5) decreases through zero at most once.

@@ -14,18 +14,14 @@ from .tendon import Tendon
 def restrainers_of(
     owner: str, mass: Number, R: Number, g: Number, force, stiffness, coefficient, exponent, inertance
 ) -> tuple[AbstractRestrainer, ...]:
-    """Return the restrainers of a column from parameters in SI units.
+    """Return the restrainers of a column from parameters in SI units. A device is left out if its parameters,
+    not counting the exponent, are the Python number 0. Raises `ValueError` for values out of range; traced
+    values are not checked.
 
-    - `owner`: name for error messages
-    - `mass`: mass of the column [kg]
-    - `R`: half diagonal of the column [m]
-    - `g`: acceleration of gravity [m/s²]
+    - `mass` [kg], `R` [m], `g` [m/s²]: mass and half diagonal of the column, acceleration of gravity
     - `force`, `stiffness`: initial force [N] and stiffness [N/m] of the tendon
     - `coefficient`, `exponent`: coefficient [N(s/m)^ν] and exponent ν of the damper
     - `inertance`: inertance of the inerter [kg]
-
-    A device is left out if its parameters, not counting the exponent, are the Python number 0. Raises
-    `ValueError` for values out of range; traced values are not checked.
     """
     require_not_negative(
         owner,

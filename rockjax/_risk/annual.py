@@ -147,12 +147,10 @@ def _check_measure(owner: str, measure: str, units: str, hazard: Hazard) -> None
 
 
 def read_limits(curve: xarray.Dataset) -> integral.Limits:
-    """Return the limits in the dataset of a fragility curve, as OpenQuake's engine applies them.
-
-    The engine first clips intensities to the range from `min_intensity` to `max_intensity`. It then sets
-    F = 0 for clipped intensities up to `no_damage_limit`. Therefore only the larger one of `min_intensity`
-    and `no_damage_limit` has an effect.
-    """
+    """Return the limits in the dataset of a fragility curve, as OpenQuake's engine applies them: it first
+    clips intensities to the range from `min_intensity` to `max_intensity`, and then sets F = 0 for clipped
+    intensities up to `no_damage_limit`. So only the larger one of `min_intensity` and `no_damage_limit` has
+    an effect."""
     no_damage, lowest, highest = (
         float(curve[name]) if name in curve else None
         for name in ("no_damage_limit", "min_intensity", "max_intensity")
@@ -166,14 +164,9 @@ def read_limits(curve: xarray.Dataset) -> integral.Limits:
 def _limited_probability(
     curve: Lognormal, x: np.ndarray, limits: integral.Limits, first: float
 ) -> np.ndarray:
-    """Return the values of a fragility curve, shape (n,), with limits applied.
-
-    - `curve`: the fragility curve
-    - `x`: intensities, shape (n,)
-    - `limits`: limits of the curve. As in `integral.integrate_lognormal`, the fragility is constant from
-      `first` up to the limit `constant_below`, and 0 below both
-    - `first`: first intensity of the hazard curve
-    """
+    """Return the values of a fragility curve at intensities x, shape (n,), with limits applied. As in
+    `integral.integrate_lognormal`, the fragility is constant from `first`, the first intensity of the hazard
+    curve, up to the limit `constant_below`, and 0 below both."""
     low, high = limits.constant_below or 0.0, limits.constant_above or np.inf
     probability = np.asarray(curve.probability(jnp.asarray(np.clip(x, low, high))))
     if limits.constant_below is not None:
@@ -220,11 +213,8 @@ def _frequency_of_lognormal(
 
 def _structure_sensitivities(curve: xarray.Dataset, slopes: Mapping[str, Any]) -> dict[str, float]:
     """Return d ln λ_f/d ln y for the parameters y of the structure; empty if a dataset has no sensitivities.
-
-    - `curve`: dataset of a fragility. If it has `dispersion_sensitivity`, the effect of y on the dispersion
-      is included
-    - `slopes`: d ln λ_f/d ln m (`"median"`) and d ln λ_f/dβ (`"dispersion"`)
-    """
+    `slopes` are d ln λ_f/d ln m (`"median"`) and d ln λ_f/dβ (`"dispersion"`). If the dataset has
+    `dispersion_sensitivity`, the effect of y on the dispersion is included."""
     if "median_sensitivity" not in curve:
         return {}
     changes = slopes["median"] * curve["median_sensitivity"].values

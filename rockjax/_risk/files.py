@@ -33,10 +33,7 @@ MAX_DEVIATIONS = 7.0
 
 
 def read_hazard(path: str | Path, site: int | None) -> dict[str, Any]:
-    """Return the arguments of `Hazard`, by name, from a file.
-
-    - `path`, `site`: as for `Hazard.from_file`
-    """
+    """Return the arguments of `Hazard`, by name, from a file; the arguments are as for `Hazard.from_file`."""
     lines = read_text(path).splitlines()
     rows = [_Row.parse(number, line, _delimiter(lines)) for number, line in enumerate(lines, 1)]
     rows = [row for row in rows if any(row.cells)]
@@ -144,13 +141,8 @@ def _uncommented(row: _Row) -> list[str]:
 
 
 def _headings(lines: list[list[str]], rows: list[_Row]) -> list[str]:
-    """Return the headings of the columns of a table.
-
-    - `lines`: cells of the heading lines. The first line contains names, further lines contain units
-    - `rows`: all rows of the table
-
-    If a heading contains a comma, `lines` has it in two cells, and they are joined again.
-    """
+    """Return the headings of the columns of a table. The first of `lines` contains names, further lines
+    contain units. If a heading contains a comma, `lines` has it in two cells, and they are joined again."""
     cells = [cell.strip() for cell in lines[0]] if lines else []
     for line in lines[1:]:
         units = [text.strip(" []()") for text in line] + [""] * (len(cells) - len(line))
@@ -189,11 +181,9 @@ def _investigation_years(comments: list[_Row]) -> float | None:
 def _annual_rates(
     path: str | Path, heading: Heading, table: np.ndarray, years: float | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return intensities, in the unit of the table, and their annual rates [1/year].
+    """Return intensities, in the unit of the table, and their annual rates [1/year]. Points whose probability
+    of exceedance is 0 or 1 are left out.
 
-    Points whose probability of exceedance is 0 or 1 are left out.
-
-    - `path`: path of the file, for messages
     - `heading`: heading of the second column
     - `table`: intensities in the first column; rates, return periods [years] or probabilities in the second,
       shape (n, 2)
@@ -222,13 +212,9 @@ def _annual_rates(
 def _rates_of_probabilities(
     owner: str, x: np.ndarray, poe: np.ndarray, years: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return intensities and their annual rates −ln(1 − p)/t [1/year], without points with p = 0 or 1.
-
-    - `owner`: source of the values, for error messages
-    - `x`: intensities, shape (n,)
-    - `poe`: probabilities of exceedance p in the investigation time t, shape (n,)
-    - `years`: investigation time t [years]
-    """
+    """Return intensities and their annual rates −ln(1 − p)/t [1/year], without points with p = 0 or 1. `poe`
+    are the probabilities of exceedance p in the investigation time t, `years`; `x` and `poe` have the shape
+    (n,)."""
     if not (np.isfinite(years) and years > 0):
         raise ValueError(f"{owner}: the investigation time must be > 0 years, got {years:g}")
     if np.any(~((poe >= 0) & (poe <= 1))):
@@ -305,10 +291,8 @@ def _imt(measure: str) -> tuple[str, float]:
 
 
 def si_factor(owner: str, measure: str, units: str) -> float:
-    """Return the factor that converts the units of an intensity measure to SI.
-
-    Raises `ValueError`, with `owner` in the message, if `units` is not a unit of the measure.
-    """
+    """Return the factor that converts the units of an intensity measure to SI. Raises `ValueError`, with
+    `owner` in the message, if `units` is not a unit of the measure."""
     factor, si_unit = in_si(units) or (1.0, None)
     if si_unit != unit_of_measure(measure):
         raise ValueError(f"{owner}: {units!r} is not a unit of the intensity measure {measure}")
@@ -425,9 +409,7 @@ def read_fragility_model(path: str | Path) -> dict[str, xarray.Dataset]:
 
 def _number(path: str | Path, name: str, element: ET.Element, key: str) -> float:
     """Return the number in the attribute `key` of an element; NaN if the element does not have the attribute.
-
-    If the attribute is not a number, raises a `ValueError` that names file, structure and attribute.
-    """
+    If it is not a number, raises a `ValueError` that names file, structure and attribute."""
     text = element.get(key, "nan")
     try:
         return float(text)

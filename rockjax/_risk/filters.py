@@ -81,10 +81,8 @@ def _denominator(omega: Array, zeta: Array) -> Array:
 def append_filters(
     dynamics: Float[Array, "m m"], output: Float[Array, " m"], filters: tuple[Filter, ...]
 ) -> tuple[Float[Array, "k k"], Float[Array, " k"]]:
-    """Add filters in series to a system ż = A z with the output C z, and return the new A and C.
-
-    - `dynamics`: A, shape (m, m); `output`: C, shape (m,)
-    - `filters`: filters, in the order in which the output passes them
+    """Add filters in series, in the order in which the output passes them, to a system ż = A z with the
+    output C z, and return the new A and C.
 
     Each filter adds the states x and ẋ with ẍ + a₁ẋ + a₀x = input. Its output is b₂ẍ + b₁ẋ + b₀x. The output
     of the last filter is the output of the new system. The new A has k = m + 2·(number of filters) rows.

@@ -208,12 +208,9 @@ class GaussianMotion(Module):
         return Record(self.acceleration(u), self.dt)
 
     def _discrete_filters(self) -> tuple[Float[Array, "k k"], Float[Array, " k"], Float[Array, " k"]]:
-        """Return the matrices (Φ, Γ, C) that describe the filters in discrete time.
-
-        The states s are x, ẋ, y, ẏ, and two more for each further filter. Over a sampling interval with the
-        noise w, the states advance from s to Φ s + Γ w. This is exact, because w is constant in the interval.
-        The motion is ü_g = C s.
-        """
+        """Return the matrices (Φ, Γ, C) that describe the filters in discrete time. The states s are x, ẋ, y,
+        ẏ, and two more for each further filter. Over a sampling interval with the noise w, they advance from
+        s to Φ s + Γ w. This is exact, because w is constant in the interval. The motion is ü_g = C s."""
         zero, one = jnp.zeros(()), jnp.ones(())
         stiff_g, damp_g = self.omega_g**2, 2 * self.zeta_g * self.omega_g
         stiff_f, damp_f = self.omega_f**2, 2 * self.zeta_f * self.omega_f

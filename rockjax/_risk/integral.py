@@ -69,10 +69,8 @@ def log_rate_at(
 
 
 def _log_difference(low: Array, high: Array) -> Array:
-    """Return ln[Φ(high) − Φ(low)] for low < high, each finite or infinite.
-
-    If low + high > 0, the equal expression ln[Φ(−low) − Φ(−high)] is used, to avoid cancellation.
-    """
+    """Return ln[Φ(high) − Φ(low)] for low < high, each finite or infinite. If low + high > 0, the equal
+    expression ln[Φ(−low) − Φ(−high)] is used, to avoid cancellation."""
     is_upper_tail = low + high > 0
     a, b = jnp.where(is_upper_tail, -high, low), jnp.where(is_upper_tail, -low, high)
     larger, smaller = norm.logcdf(b), norm.logcdf(a)
@@ -92,10 +90,9 @@ def integrate_lognormal(
 
     - `log_x`, `log_rate`: ln x and ln λ of the points of the hazard curve, ascending in x, shape (n,) each
     - `median`, `dispersion`: median m, > 0 [unit of x], and dispersion β, > 0 [–], of the fragility
-    - `limits`: intensities at which F is cut off or held constant [unit of x]
-
-    The part of F that `constant_below` holds constant counts only above the first point of the hazard curve,
-    because the extrapolated rate grows without bound as x tends to 0.
+    - `limits`: intensities at which F is cut off or held constant [unit of x]. The part of F that
+      `constant_below` holds constant counts only above the first point of the hazard curve, because the
+      extrapolated rate grows without bound as x tends to 0
     """
     k = segment_slopes(log_x, log_rate)
     zero_below, constant_below, upper = (None if x is None else jnp.log(x) for x in limits)
@@ -137,11 +134,8 @@ def _integrate_without_limits(
     median: Float[Array, ""],
     dispersion: Float[Array, ""],
 ) -> Contributions:
-    """Return the contributions to ∫ F |dλ| without limits.
-
-    - `k`: exponent of each segment, shape (n − 1,)
-    - other arguments: as for `integrate_lognormal`
-    """
+    """Return the contributions to ∫ F |dλ| without limits. `k` is the exponent of each segment; the other
+    arguments are as for `integrate_lognormal`."""
     z = (log_x - jnp.log(median)) / dispersion
     F, rate = norm.cdf(z), jnp.exp(log_rate)
     # ln(k₀ m^(−k) e^(k²β²/2)) of each segment; its left end gives k₀.
@@ -160,15 +154,13 @@ def _integrate_without_limits(
 def integrate_piecewise_linear(
     log_x: Float[Array, " n"], log_rate: Float[Array, " n"], x: Float[Array, " m"], share: Float[Array, " m"]
 ) -> Contributions:
-    """Return the contributions to ∫ F |dλ| for a piecewise linear F.
-
-    F is zero below its first point and constant above its last point.
+    """Return the contributions to ∫ F |dλ| for a piecewise linear F, which is zero below its first point and
+    constant above its last point. Intensities above this point count as `above`, even within or below the
+    hazard curve.
 
     - `log_x`, `log_rate`: ln x and ln λ of the points of the hazard curve, ascending in x, shape (n,) each
-    - `x`: intensities of the points of F, ascending, > 0, shape (m,)
-    - `share`: F at `x`, shape (m,); its first element must be 0
-
-    Intensities above the last point of F count as `above`, even within or below the hazard curve.
+    - `x`, `share`: intensities of the points of F, ascending, > 0, and F there, shape (m,) each; `share[0]`
+      must be 0
     """
     k, points = segment_slopes(log_x, log_rate), jnp.exp(log_x)
     ends = jnp.sort(jnp.concatenate([points, x]))

@@ -48,10 +48,8 @@ class AbstractLimitState(abc.ABC):
     def with_sensitivities(
         self, u: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]] | None:
-        """Return G, shape (m,), ∇G, shape (m, d), and ∂G/∂y, shape (m,), by the name of the parameter y.
-
-        Return None if the limit state has no named parameters.
-        """
+        """Return G, shape (m,), ∇G, shape (m, d), and ∂G/∂y, shape (m,), by the name of the parameter y; None
+        if the limit state has no named parameters."""
         del u
         return None
 
@@ -77,12 +75,8 @@ class AbstractLimitState(abc.ABC):
 
 
 def evaluate_padded(u: np.ndarray, call: Callable) -> tuple[np.ndarray, ...]:
-    """Evaluate `call` for the rows of u, shape (m, d), in batches of a few fixed sizes.
-
-    - `call`: function that maps a batch, shape (k, d), to a tuple of arrays of length k
-
-    Batches are padded with copies of their last row.
-    """
+    """Evaluate `call` for the rows of u, shape (m, d), in batches of a few fixed sizes, which are padded with
+    copies of their last row. `call` maps a batch, shape (k, d), to a tuple of arrays of length k."""
     results = []
     for start in range(0, len(u), MAX_BATCH):
         batch = u[start : start + MAX_BATCH]

@@ -90,13 +90,9 @@ def find_crossings(
     positions: Sequence[np.ndarray],
     division: Division = Division(),
 ) -> LineCrossings:
-    """Return the crossings of the lines origin + c·direction with the surface of failure.
-
-    - `limit`: limit state
-    - `origin`, `direction`: origin and direction of each line, shape (m, d) each
-    - `positions`: for each line, an array of the values of c at which the line is evaluated, ascending
-    - `division`: settings for the division of intervals with a crossing
-    """
+    """Return the crossings of the lines origin + c·direction, shape (m, d) each, with the surface of failure.
+    For each line, `positions` contains an array of the values of c at which the line is evaluated,
+    ascending."""
     sizes = np.array([len(c) for c in positions])
     line, c = np.repeat(np.arange(len(positions)), sizes), np.concatenate([*positions, np.zeros(0)])
     value = limit.values(origin[line] + c[:, None] * direction[line])
@@ -114,16 +110,12 @@ def narrow_crossings(
     value: np.ndarray,
     division: Division = Division(),
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Find the crossings between positions at which G has been evaluated, and narrow them down.
+    """Find the crossings between positions at which G has been evaluated, and narrow them down. Returns
+    `line`, `position`, `survivor`, `G` and `enters` as in `LineCrossings`.
 
-    - `limit`: limit state
     - `origin`, `direction`: origin and direction of each line, shape (m, d) each
-    - `line`: index of the line of each position, ascending, shape (k,)
-    - `c`: positions, ascending on each line, shape (k,)
-    - `value`: values of G at the positions, shape (k,)
-    - `division`: settings for the division of intervals with a crossing
-
-    Returns `line`, `position`, `survivor`, `G` and `enters` as in `LineCrossings`.
+    - `line`, `c`, `value`: index of the line of each position, position and value of G there; in ascending
+      order along each line, shape (k,) each
     """
     is_same_line = line[1:] == line[:-1]
     neighbours = _Intervals(line[:-1], c[:-1], c[1:], value[:-1], value[1:])

@@ -106,7 +106,6 @@ def sample_rays(limit: AbstractLimitState, probability: float, count: int, cov: 
     - `probability`: target probability of failure, in (0, 1), which the scaled motions reach approximately
     - `count`: largest number of failing samples through which rays are drawn
     - `cov`: largest accepted coefficient of variation of the sampled probability
-    - `seed`: seed of the random numbers
 
     Raises `ValueError` if the limit state fails at u = 0, if no factor on u leads to the probability, and if
     `cov` is not reached within `MAX_SCENES`.
@@ -269,16 +268,9 @@ class _RayScan:
 def solve_factor(
     limit: StructureLimitState, rays: Rays, probability: float, names: Sequence[str], guess: float
 ) -> FactorSolution:
-    """Return the factor on u at which a structure fails with the target probability, and its sensitivities.
-
-    - `limit`: limit state of the structure
-    - `rays`: rays from `sample_rays`
-    - `probability`: target probability of failure
-    - `names`: parameters y of the structure for the sensitivities d ln k/d ln y
-    - `guess`: first value of the factor
-
-    A factor below 1/`MAX_FACTOR` or above `MAX_FACTOR` is replaced by this limit, with zero sensitivities.
-    """
+    """Return the factor on u at which a structure fails with the target probability, and its sensitivities d
+    ln k/d ln y for the parameters y in `names`. `guess` is the first value of the factor. A factor below
+    1/`MAX_FACTOR` or above `MAX_FACTOR` is replaced by this limit, with zero sensitivities."""
     scan, k = _scan_near(limit, rays, probability, guess)
     if not 1 / MAX_FACTOR < k < MAX_FACTOR:
         return FactorSolution(k, np.zeros(len(names)), 0.0, 0.0)
@@ -304,13 +296,10 @@ def solve_factor(
 def _move_to_roots(
     limit: StructureLimitState, rays: Rays, scan: _RayScan, names: Sequence[str]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Move the crossings of a scan to the roots of G by Newton steps.
+    """Move the k crossings of a scan in place to the roots of G by Newton steps.
 
-    - `limit`, `rays`, `names`: as for `solve_factor`
-    - `scan`: scan with crossings, which are moved in place
-
-    Returns a mask of the crossings at which G jumps, shape (k,), and derivatives of G at all k crossings:
-    with respect to ln r, shape (k,), and with respect to the logarithms of the parameters, shape (k, names).
+    Returns a mask of the crossings at which G jumps, shape (k,), and derivatives of G at all crossings: with
+    respect to ln r, shape (k,), and with respect to the logarithms of the parameters, shape (k, names).
     """
 
     def newton(max_step) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -326,11 +315,8 @@ def _move_to_roots(
 
 
 def _scan_near(limit, rays: Rays, probability: float, guess: float) -> tuple[_RayScan, float]:
-    """Return a scan that is wide enough for the target probability, and the approximate factor k.
-
-    Arguments are as for `solve_factor`. If k would leave the range from 1/`MAX_FACTOR` to `MAX_FACTOR`, it is
-    the end of this range.
-    """
+    """Return a scan that is wide enough for the target probability, and the approximate factor k, limited to
+    the range from 1/`MAX_FACTOR` to `MAX_FACTOR`. Arguments are as for `solve_factor`."""
     scan, low, high = _RayScan(limit, rays.directions, guess), guess / RANGE_FACTOR, guess * RANGE_FACTOR
     while True:
         at_low, at_high = (float(rays.weights @ scan.probabilities(k)) for k in (low, high))
@@ -346,25 +332,16 @@ def _scan_near(limit, rays: Rays, probability: float, guess: float) -> tuple[_Ra
 
 
 def probability_at(limit: AbstractLimitState, rays: Rays, factor: float) -> float:
-    """Return the probability of failure of a limit state whose motions are multiplied by a factor.
-
-    - `limit`: limit state
-    - `rays`: rays from `sample_rays`
-    - `factor`: factor k on u
-    """
+    """Return the probability of failure of a limit state whose motions are multiplied by `factor`."""
     scan = _RayScan(limit, rays.directions, factor)
     scan.narrow(REFINED)
     return float(rays.weights @ scan.probabilities(factor))
 
 
 def _root(scan: _RayScan, weights: np.ndarray, probability: float, guess: float) -> float:
-    """Return the factor k at which P(k) equals the target probability.
-
-    Beyond the outermost positions of the scan, a ray is assumed to fail or survive as it does there.
-
-    - `scan`, `weights`: scan of the rays, and weights of the rays in P(k), shape (m,)
-    - `probability`: target probability; `guess`: first value of k
-    """
+    """Return the factor k at which P(k) equals the target probability, starting from `guess`. `weights` are
+    those of the rays in P(k), shape (m,). Beyond the outermost positions of the scan, a ray is assumed to
+    fail or survive as it does there."""
 
     def log_error(log_k: float) -> float:
         return math.log(max(float(weights @ scan.probabilities(math.exp(log_k))), 1e-300) / probability)

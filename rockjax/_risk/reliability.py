@@ -138,11 +138,9 @@ def reliability(
 
 
 def starting_directions(limit: AbstractLimitState, starts: int, seed: int) -> np.ndarray:
-    """Return unit vectors in the directions from which searches start, shape (starts, dimension).
-
-    The first half are random directions that lie far apart. The second half are their opposites, which the
-    search does not need if G(−u) = G(u).
-    """
+    """Return unit vectors in the directions from which searches start, shape (starts, dimension). The first
+    half are random directions that lie far apart. The second half are their opposites, which the search does
+    not need if G(−u) = G(u)."""
     count = (starts + 1) // 2
     candidates = np.random.default_rng([seed, 1]).standard_normal((CANDIDATES * count, limit.dimension))
     candidates /= np.linalg.norm(candidates, axis=1, keepdims=True)
@@ -157,8 +155,7 @@ def starting_directions(limit: AbstractLimitState, starts: int, seed: int) -> np
 def check_arguments(owner: str, method: str, cov: float, seed: int, starts: int, max_scenes: int) -> None:
     """Raise `ValueError`, with `owner` in the message, for invalid arguments of `reliability`.
 
-    - `method`: must be the name of an estimator
-    - `cov`: must be in (0, 1)
+    - `method`: must be the name of an estimator; `cov`: must be in (0, 1)
     - `seed`: must be ≥ 0; `starts`: must be ≥ 1; `max_scenes`: must be ≥ 100
     """
     if method not in ESTIMATORS:
@@ -171,14 +168,9 @@ def check_arguments(owner: str, method: str, cov: float, seed: int, starts: int,
 
 
 def find_design_points(owner: str, limit: AbstractLimitState, directions: np.ndarray) -> DesignPoints:
-    """Return the design points of a limit state.
-
-    - `owner`: function that error messages name
-    - `limit`: limit state
-    - `directions`: unit vectors in which searches start, shape (s, d)
-
-    Raises `ValueError` if the limit state fails at the origin, and if the search finds no design point.
-    """
+    """Return the design points of a limit state. `directions` are unit vectors in which searches start, shape
+    (s, d). Raises `ValueError` if the limit state fails at the origin, and if the search finds no design
+    point."""
     if limit.values(np.zeros((1, limit.dimension)))[0] <= 0:
         raise ValueError(
             f"{owner}: the limit state fails at u = 0, so it has no design point; estimate the probability "
@@ -209,10 +201,8 @@ def estimate_probability(
 ) -> FailureProbability:
     """Return the probability of failure of a limit state, by one of `ESTIMATORS`.
 
-    - `owner`: function that error messages name
-    - `limit`: limit state
     - `directions`: unit vectors in which searches for design points start, shape (s, dimension)
-    - `method`, `cov`, `seed`, `max_scenes`, `progress`: as for `reliability`
+    - other arguments: as for `reliability`
 
     Warns (`RuntimeWarning`) if the estimate has not converged. Ctrl-C during sampling raises `Interrupted`
     with the estimate from the rounds so far, or None before the end of the first round.
@@ -269,12 +259,8 @@ def _to_result(
     cov: float,
     slopes: ProbabilitySlopes | None,
 ) -> FailureProbability:
-    """Return the result of `estimate_probability`.
-
-    - `estimate`: the last estimate; `estimator`: the estimator that returned it
-    - `limit`, `method`, `cov`: as for `estimate_probability`
-    - `slopes`: derivatives of the probability; None if there are none
-    """
+    """Return the result of `estimate_probability` from the last estimate, and from the derivatives of the
+    probability, if there are any."""
     points = estimator.points
     first_order = first_order_probability(points)
     low, high = estimate.interval
@@ -302,10 +288,8 @@ def _to_result(
 
 def first_order_probability(points: DesignPoints) -> float:
     """Return the probability of the union of half-spaces α_i·u ≥ β_i; NaN if there are no design points.
-
     Design point i has the direction α_i and the distance β_i from the origin. For one or two half-spaces the
-    value is exact; for more it is Ditlevsen's lower bound.
-    """
+    value is exact; for more it is Ditlevsen's lower bound."""
     if points.beta.size == 0:
         return math.nan
     directions = points.u / points.beta[:, None]

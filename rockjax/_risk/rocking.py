@@ -158,13 +158,8 @@ def failure_probability(
 
 
 def limit_state(owner: str, podium: Podium, motion: GaussianMotion, limit: Any) -> StructureLimitState:
-    """Return the limit state of a podium under a Gaussian motion.
-
-    - `owner`: function that error messages name
-    - `podium`, `motion`, `limit`: as for [`rockjax.design_points`][]
-
-    Raises `ValueError` for invalid arguments.
-    """
+    """Return the limit state of a podium under a Gaussian motion; the arguments are as for
+    [`rockjax.design_points`][]. Raises `ValueError` for invalid arguments."""
     if not isinstance(podium, Podium):
         raise ValueError(f"{owner}: podium must be a rockjax.Podium, got {type(podium).__name__}")
     if not isinstance(motion, GaussianMotion):

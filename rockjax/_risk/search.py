@@ -65,10 +65,8 @@ class _Bracket(NamedTuple):
     G_high: np.ndarray  # G at `high`
 
     def root(self) -> np.ndarray:
-        """Return the root of the straight line through the values of G at both ends.
-
-        The root is `high` if G is infinite at an end, and inf if there is no failure.
-        """
+        """Return the root of the straight line through the values of G at both ends. It is `high` if G is
+        infinite at an end, and inf if there is no failure."""
         drop = self.G_low - self.G_high
         is_usable = np.isfinite(drop) & (drop > 0)
         fraction = np.where(is_usable, self.G_low / np.where(is_usable, drop, 1.0), 1.0)
@@ -180,10 +178,8 @@ def design_points(
 
 
 def _descend(limit: AbstractLimitState, e: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Move directions e and their distances r, in place, to local minima of r.
-
-    Returns the normals, shape (s, d), and a mask of the directions that agree with their normals, shape (s,).
-    """
+    """Move directions e and their distances r, in place, to local minima of r. Returns the normals, shape (s,
+    d), and a mask of the directions that agree with their normals, shape (s,)."""
     normal, aligned, fraction = e.copy(), np.zeros(len(e), bool), np.ones(len(e))
     has_moved = np.ones(len(e), bool)
     is_active = np.ones(len(e), bool)
@@ -212,11 +208,9 @@ def _descend(limit: AbstractLimitState, e: np.ndarray, r: np.ndarray) -> tuple[n
 
 
 def _step(limit: AbstractLimitState, e, r, normal, fraction) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Evaluate directions on the way from each e to its normal, and return the nearest failure.
+    """Evaluate directions on the way from each e to its normal, and return the nearest failure: its distance,
+    its direction, and its fraction of the way.
 
-    Returns the distance of this failure, its direction, and its fraction of the way.
-
-    - `limit`: limit state
     - `e`, `r`: directions, shape (s, d), and the distances at which they fail, shape (s,)
     - `normal`: unit normals at these failures, shape (s, d)
     - `fraction`: fraction of the way that `FRACTIONS` multiplies, shape (s,): the best fraction of the

@@ -84,15 +84,9 @@ LIMITS = {
 
 
 def parse_limit(owner: str, limit: Any, podium: Podium | None = None) -> Limit:
-    """Convert the argument `limit` to a `Limit`.
-
-    - `owner`: function that error messages name
-    - `limit`: `"overturning"`, or a tuple of a key of `LIMITS` and a number > 0
-    - `podium`: structure that must have the output of the limit; None to omit this check
-
-    Raises `ValueError` for other values of `limit`, for traced numbers, and if the podium does not have the
-    output.
-    """
+    """Convert the argument `limit`, `"overturning"` or a tuple of a key of `LIMITS` and a number > 0, to a
+    `Limit`. Raises `ValueError` for other values, for traced numbers, and if `podium` is given and does not
+    have the output of the limit."""
     if isinstance(limit, str) and limit == "overturning":
         return Limit("margin", 1.0, "margin")
     if isinstance(limit, tuple) and len(limit) == 2 and limit[0] in list(LIMITS):
@@ -147,9 +141,8 @@ class StructureLimitState(AbstractLimitState):
         return np.where(unfinished, np.nan, np.asarray(value))
 
     def _peaks(self, u: np.ndarray, names: Sequence[str] = (), *outputs: str):
-        """Return the peaks of the scenes that the rows of u determine.
+        """Return the peaks of the scenes that the rows of u, shape (m, d), m ≤ `BATCH`, determine.
 
-        - `u`: points, shape (m, d), m ≤ `BATCH`
         - `names`: parameters for sensitivities: names of parameters of the podium, and `"scale"`, the factor
           on the motion
         - `outputs`: outputs that are requested in addition to the output of the limit
@@ -160,15 +153,9 @@ class StructureLimitState(AbstractLimitState):
         return peak_responses(self.podium, records, options=options, sensitivities=names)
 
     def log_slopes(self, u: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return G and its logarithmic derivatives at the rows of u.
-
-        - `u`: points, shape (m, d)
-        - `names`: names of parameters of the podium
-
-        Returns three arrays: G, shape (m,); the derivative of G with respect to ln|u| in the direction of u,
-        shape (m,); and the derivatives of G with respect to the logarithms of the parameters, shape
-        (m, names).
-        """
+        """Return G and its logarithmic derivatives at the rows of u, shape (m, d): G, shape (m,); the
+        derivative of G with respect to ln|u| in the direction of u, shape (m,); and the derivatives with
+        respect to the logarithms of the parameters `names` of the podium, shape (m, names)."""
         # Without a pulse, the motion is proportional to |u|, so the derivative with respect to ln|u| is the
         # sensitivity with respect to the scale of the motion.
         scale_name = () if self.motion.pulse is not None else ("scale",)
@@ -216,10 +203,8 @@ class StructureLimitState(AbstractLimitState):
         return value, slope, _by_location(*jax.tree.unflatten(jax.tree.structure(arrays), leaves))
 
     def impacts(self, u: np.ndarray) -> np.ndarray:
-        """Return the number of impacts in the scenes of the rows of u, shape (m,).
-
-        In scenes that overturn, impacts before overturning are counted. NaN for scenes that do not finish.
-        """
+        """Return the number of impacts in the scenes of the rows of u, shape (m,). In scenes that overturn,
+        impacts before overturning are counted. NaN for scenes that do not finish."""
         impacts = np.asarray(self._peaks(u).impacts)
         if not np.isnan(impacts).any():
             return impacts
@@ -238,13 +223,8 @@ def records_from_samples(motion: GaussianMotion, u: Float[Array, "k d"]) -> Reco
 
 
 def _limit_value(value, overturned, limit: Limit):
-    """Return G, which is ≤ 0 if and only if the podium fails.
-
-    - `value`: the peak that `limit` names; if it has a last axis of modes, stories, floors or joints, the
-      largest counts
-    - `overturned`: whether the scene overturned
-    - `limit`: definition of failure
-    """
+    """Return G, which is ≤ 0 if and only if the podium fails. If `value`, the peak that `limit` names, has a
+    last axis of modes, stories, floors or joints, the largest counts."""
     xp = array_module(value, overturned)
     if np.ndim(value) > np.ndim(overturned):
         value = xp.max(xp.asarray(value), axis=-1)
@@ -276,12 +256,9 @@ _slopes = StoredProgram(_value_and_slopes)
 
 
 def _by_location(*slopes: Any) -> dict[str, np.ndarray]:
-    """Return derivatives, shape (k,) each, by the locations of the parameters.
-
-    - `slopes`: trees of parameters, with its derivatives at k points in place of each parameter, shape (k, …)
-
-    Locations are in Python notation: `alpha`, `restrainers[0].prestress`, `superstructure.masses[2]`.
-    """
+    """Return derivatives, shape (k,) each, by the locations of the parameters. Each of `slopes` is a tree of
+    parameters, with its derivatives at k points in place of each parameter, shape (k, …). Locations are in
+    Python notation: `alpha`, `restrainers[0].prestress`, `superstructure.masses[2]`."""
     slopes_by_location = {}
     for tree in slopes:
         for path, y in jax.tree_util.tree_leaves_with_path(tree):

@@ -38,14 +38,9 @@ class ModalAnalysis(NamedTuple):
 
 def modal_analysis(masses: Array, stiffnesses: Array) -> ModalAnalysis:
     """Return the modes of a building on a fixed beam, K φ_i = ω_i² M φ_i, with its stiffness matrix K and its
-    mass matrix M, (C11).
-
-    - `masses`: mass ratios of the floors [–], from the bottom along the last axis
-    - `stiffnesses`: stiffness ratios of the stories below the floors [1/s²], from the bottom along the last
-      axis
-
-    No two periods of a shear building are equal, so the modes are differentiable.
-    """
+    mass matrix M, (C11). `masses` [–] and `stiffnesses` [1/s²] are the ratios of the floors and of the
+    stories below them, from the bottom along the last axis. No two periods of a shear building are equal, so
+    the modes are differentiable."""
     xp: Any = array_module(masses, stiffnesses)
     masses, stiffnesses = xp.broadcast_arrays(masses, stiffnesses)
     stiffness_above = xp.concatenate([stiffnesses[..., 1:], xp.zeros_like(stiffnesses[..., :1])], axis=-1)

@@ -17,10 +17,8 @@ DENSITIES = 300.0, 8000.0  # plausible range [kg/m³], from light timber or a ho
 
 
 def check_column_units(width, height, mass) -> None:
-    """Warn if a column is larger than real columns, or if its density is implausible for a square section.
-
-    - `width` [m], `height` [m], `mass` [kg]: full dimensions and mass of a column
-    """
+    """Warn if a column, with its full dimensions [m] and mass [kg], is larger than real columns, or if its
+    density is implausible for a square section."""
     sides, mass = (concrete(width), concrete(height)), concrete(mass)
     if sides[0] is None or sides[1] is None:
         return
@@ -61,14 +59,8 @@ def slenderness_and_size(width: Number, height: Number) -> tuple[Number, Number]
 
 def enlargement(owner: str, radius: Number, height: Number) -> Number:
     """Return H/(H − r_c), the factor on R that makes a podium with flat column ends equivalent to a podium
-    with round ends, (R5).
-
-    - `owner`: name for error messages
-    - `radius`: radius r_c of the round ends of a column, 0 ≤ r_c < H [m]
-    - `height`: full height 2H of a column [m]
-
-    Raises `ValueError` for a radius out of range, unless it is traced.
-    """
+    with round ends of the radius r_c, 0 ≤ r_c < H [m], (R5). `height` is the full height 2H of a column [m].
+    Raises `ValueError` for a radius out of range, unless it is traced."""
     require_not_negative(owner, end_radius=radius)
     half_height = 0.5 * height
     radii, limits = concrete(radius), concrete(half_height)

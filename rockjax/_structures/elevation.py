@@ -191,9 +191,8 @@ class Arms(Module):
         return _core_distance(self.offsets)
 
     def lever(self, flat: Number, lean: Number) -> Number:
-        """Return the lever of the axial force in a top joint about the centre line of a column [m].
-
-        The lever replaces χB in (F8). It is positive against the direction of motion.
+        """Return the lever of the axial force in a top joint about the centre line of a column [m]. It
+        replaces χB in (F8), and is positive against the direction of motion.
 
         For round ends, (R5) replaces the columns by taller columns with flat ends. The result belongs to the
         real columns: to first order it is σB + r_cθ of (R4) while rocking, and exactly ξB in full contact.

@@ -37,10 +37,9 @@ def impulses(
 ) -> Impulses:
     """Return the impulses in the joints of the mean column, (F12).
 
-    - `two_R`: 2R [m]; `sin_alpha`, `cos_alpha`: sine and cosine of the slenderness α
     - `gamma`, `eta`: mass that moves with the beam, and vibrating mass, divided by N m_c [–]
     - `inertances`: inertances μ_b and μ_t that act on the bottom and the top joint, divided by m_c [–]
-    - `e`: velocity factor of the impact, ≥ 0 [–]
+    - `two_R`: 2R [m]; `e`: velocity factor of the impact, ≥ 0 [–]
     """
     mu_bottom, mu_top = inertances
     sway, rise = two_R * cos_alpha * (1 - e), two_R * sin_alpha * (1 + e)
@@ -55,10 +54,8 @@ def impulse_eccentricity(
     """Return ξ_J, the distance of the resultant of the impulses from the centre line of a column, divided by
     half the width of the column, (F13) [–].
 
-    - `sin2`: sin²α
-    - `gamma`, `eta`: mass that moves with the beam, and vibrating mass, divided by N m_c [–]
+    - `sin2`: sin²α; `gamma`, `eta`, `e`: as for `impulses`
     - `lam`, `mu`: inertia factor λ of a column, and sum μ of its inertances divided by m_c [–]
-    - `e`: velocity factor of the impact, ≥ 0 [–]
     """
     numerator = (1 - e) * (lam + (1 + 4 * gamma) * (1 - sin2))
     return numerator / ((1 + e) * sin2 * (1 + 4 * gamma + 4 * eta + 4 * mu))

@@ -23,14 +23,8 @@ Row = Array
 
 
 def as_row(owner: str, name: str, values, what: str) -> Array:
-    """Return a row as an array of floats.
-
-    - `owner`, `name`: class and argument, for error messages
-    - `values`: one value for each mode, story or column along the last axis
-    - `what`: "mode", "story" or "column", for error messages
-
-    Raises `ValueError` for a scalar, for an empty axis, and for values that are not numbers.
-    """
+    """Return a row, with one value for each mode, story or column (`what`) along the last axis, as an array
+    of floats. Raises `ValueError` for a scalar, for an empty axis, and for values that are not numbers."""
     array = as_float(values, f"{owner}: {name}")
     if array.ndim == 0 or array.shape[-1] == 0:
         raise ValueError(

@@ -582,15 +582,9 @@ class Podium(Module):
 def _count_and_elevation(
     owner: str, columns: int | None, positions, heights: Mapping[str, Any]
 ) -> tuple[int, Elevation | None]:
-    """Return the number of columns and the elevation of `Podium.from_dimensions`.
-
-    - `owner`: name for error messages
-    - `columns`, `positions`: number and positions of the columns, or None
-    - `heights`: fields of `Elevation` and their values [m]
-
-    Raises `ValueError` for heights other than 0 without positions, for a number of columns that is not a
-    whole number ≥ 1, and if `columns` is not the number of positions.
-    """
+    """Return the number of columns and the elevation of `Podium.from_dimensions`. `heights` are the fields of
+    `Elevation` and their values [m]. Raises `ValueError` for heights other than 0 without positions, for a
+    number of columns that is not a whole number ≥ 1, and if `columns` is not the number of positions."""
     if positions is None:
         for name, value in heights.items():
             if not is_concrete_zero(as_float(value, f"{owner}: {name}")):
@@ -618,19 +612,12 @@ def _with_round_ends(
     elevation: Elevation | None,
 ) -> tuple[Number, Elevation | None]:
     """Return R and the elevation of the podium with flat ends that is equivalent to a podium with round ends,
-    (R5).
+    (R5). `height` and `R` are those of a column between its flat faces [m].
 
     The equivalent columns are taller than the real columns. `Elevation._raised` is the distance between the
-    tops of both. All heights of masses refer to the tops of the real columns. `Arms.lever` is the
-    lever of the axial forces about these tops.
-
-    - `owner`: name for error messages
-    - `radius`: radius of the round ends [m]
-    - `height`, `R`: full height and half diagonal of a column between its flat faces [m]
-    - `devices`, `elevation`: restrainers and elevation of the podium
-
-    Raises `ValueError` for a radius out of range, and for restrainers, because round ends stretch them more
-    than flat ends do.
+    tops of both. All heights of masses refer to the tops of the real columns. `Arms.lever` is the lever of
+    the axial forces about these tops. Raises `ValueError` for a radius out of range, and for restrainers,
+    because round ends stretch them more than flat ends do.
     """
     ratio = enlargement(owner, radius, height)
     if devices:
@@ -658,13 +645,8 @@ def _refuse_without_building(owner: str, **arguments: object) -> None:
 def _make_building(
     owner: str, columns_mass, stories, masses, stiffnesses, eta, period, damping, modes, heights
 ) -> ShearBuilding:
-    """Return the building of `Podium.from_dimensions`.
-
-    - `owner`: name for error messages; `columns_mass`: N m_c [kg]; `eta`: m_t/(N m_c) [–]
-    - other arguments: as for `from_dimensions`
-
-    Raises `ValueError` for missing or redundant arguments.
-    """
+    """Return the building of `Podium.from_dimensions`. `columns_mass` is N m_c [kg] and `eta` is m_t/(N m_c)
+    [–]. Raises `ValueError` for missing or redundant arguments."""
     if stories is not None:
         if masses is not None or stiffnesses is not None or period is None or is_concrete_zero(eta):
             raise ValueError(

@@ -26,9 +26,8 @@ class PaperRestitution(Module):
     ) -> Number:
         """Return the velocity factor e [–], Eq. (27), (C12).
 
-        - `sin2`: sin²α
+        - `sin2`: sin²α; `lam`: inertia factor λ of a column [–]
         - `gamma`, `eta`: mass that moves with the beam, and vibrating mass, divided by N m_c [–]
-        - `lam`: inertia factor λ of a column [–]
         - `mu`: sum μ of the inertances of a column, divided by m_c [–]; None without inerters
         """
         if mu is None:
@@ -51,10 +50,7 @@ class CompatibleRestitution(Module):
     ) -> Number:
         """Return the velocity factor e [–].
 
-        - `sin2`: sin²α
-        - `gamma`, `eta`: mass that moves with the beam, and vibrating mass, divided by N m_c [–]
-        - `lam`: inertia factor λ of a column [–]
-        - `mu`: sum μ of the inertances of a column, divided by m_c [–]; None without inerters
+        - `sin2`, `gamma`, `eta`, `lam`, `mu`: as for `PaperRestitution.factor`
         """
         if mu is None:
             return 1 - 2 * sin2 * (1 + 4 * gamma + 4 * eta) / (1 + lam + 4 * gamma + 4 * eta * sin2)

@@ -277,11 +277,7 @@ def uplifted_squares(
     oscillators: Elastic | Oscillators, inertia: Number, stiffness: Number, cos_alpha: Number
 ) -> Number:
     """Return the squares x of the n+1 circular frequencies of a podium with lifted columns, ascending along
-    the last axis [rad²/s²].
-
-    - `oscillators`: the n oscillators
-    - `inertia`, `stiffness`: Λ [–] and k [1/s²] of (C15)
-    - `cos_alpha`: cos α
+    the last axis [rad²/s²]. `inertia` and `stiffness` are Λ [–] and k [1/s²] of (C15).
 
     The squares x solve (C15), Λ − k/x + 3cos²α Σ η_iω_i²/(ω_i² − x) = 0. They are the eigenvalues of a
     symmetric matrix, which has ω_i² on the diagonal, and a first row and column for the rotation. Rotation

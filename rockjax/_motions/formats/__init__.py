@@ -34,14 +34,9 @@ __all__ = ["FORMATS", "TIME_TOLERANCE", "Samples", "parse"]
 
 
 def parse(path: Path, content: bytes, component: Component) -> Samples:
-    """Read the samples in a file. The suffix or the first lines of the file determine its format.
-
-    - `path`: path of the file, for its suffix and for messages
-    - `content`: bytes of the file
-    - `component`: number or name of a channel; required if the file has several, otherwise it may be None
-
-    Raises a `ValueError` that names the file, the cause and, where possible, the line.
-    """
+    """Read the samples in a file. The suffix or the first lines of the file determine its format. A
+    `component` of None is valid only if the file has one channel. Raises a `ValueError` that names the file,
+    the cause and, where possible, the line."""
     suffix = path.suffix.lower()
     if suffix in waveforms.WAVEFORMS:
         return waveforms.read(path, content, component)

@@ -65,13 +65,8 @@ def _read_afad(path: Path, lines: list[str], component: Component) -> Samples:
 
 
 def _unit(peaks: str, name: str, values: np.ndarray) -> str | None:
-    """Return the unit of the samples. The header states the peaks of the samples in gal. If the peak of the
-    samples agrees with the peak in the header within 1 %, the unit is "gal". Otherwise it is unknown (None).
-
-    - `peaks`: text in the header with the peaks of all components [gal]
-    - `name`: name of the component
-    - `values`: samples of the component, shape (n,)
-    """
+    """Return "gal" if the peak of the samples agrees within 1 % with the peak of this component in `peaks`,
+    the text in the header that states peaks in gal. Otherwise the unit is unknown (None)."""
     match = re.search(rf"\({re.escape(name)}\)\s*([\d.]+)", peaks)
     try:
         peak = float(match[1]) if match else 0.0

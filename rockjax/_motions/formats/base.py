@@ -92,15 +92,12 @@ def normalise_name(name: int | str) -> str:
 
 
 def choose_channel(path: Path, channels: Sequence[tuple[int, str]], component: Component) -> int:
-    """Return the index of the requested channel.
+    """Return the index of the requested channel. Raises `ValueError` unless exactly one channel matches.
 
-    - `path`: path of the file, for messages
     - `channels`: (number, name) of each channel of the file
     - `component`: number or name of the requested channel. Instead of the name, its first word suffices. For
       a vertical channel, any name of the same direction is accepted. Text such as "1" is taken as a number if
       no name matches. None is valid only for a file with one channel
-
-    Raises `ValueError` unless exactly one channel matches.
     """
     if component is None and len(channels) == 1:
         return 0
@@ -133,11 +130,8 @@ def first_line(error: BaseException | str) -> str:
 
 
 def parse_number(path: Path, line: int, word: str) -> float:
-    """Return the number that a word of a file represents. Raises `ValueError` if it is not a finite number.
-
-    - `path`, `line`: location of the word, for messages
-    - `word`: the word; exponents may be written as in Fortran (1D-3, 1.0-101)
-    """
+    """Return the number that a word of a file represents. Exponents may be written as in Fortran (1D-3,
+    1.0-101). Raises `ValueError` if it is not a finite number."""
     value = _parse(word)
     if value is None:
         raise ValueError(f"{path}:{line}: {abbreviate(word)} is not a number{_cause(word)}")
@@ -178,12 +172,8 @@ def abbreviate(word: str) -> str:
 
 
 def parse_interval(path: Path, line: int, word: str, name: str) -> float:
-    """Return a sampling interval of a file [s]. Raises `ValueError` unless it is > 0.
-
-    - `path`, `line`: location of the interval, for messages
-    - `word`: word that represents the interval
-    - `name`: name of the interval in the file, for messages
-    """
+    """Return a sampling interval of a file [s]. Raises `ValueError`, which calls it `name`, unless it is >
+    0."""
     value = parse_number(path, line, word)
     if not value > 0:
         raise ValueError(f"{path}:{line}: {name} must be > 0 s, got {value:g}")
@@ -198,13 +188,8 @@ def unit_key(stated_unit: str | None) -> str | None:
 
 
 def require_count(path: Path, line: int, name: str, count: int, values: list[float]) -> np.ndarray:
-    """Return values as an array. Raises `ValueError` unless their number equals a count in the file.
-
-    - `path`, `line`: location of the count, for messages
-    - `name`: name of the count, for messages
-    - `count`: number of values according to the file
-    - `values`: values that the file contains
-    """
+    """Return values as an array. Raises `ValueError` unless their number equals the `count` that a line of
+    the file states as `name`."""
     if len(values) != count:
         cause = "; the file may be cut short" if len(values) < count else ""
         raise ValueError(f"{path}:{line}: {name} is {count}, but the file has {len(values)} values{cause}")
@@ -224,11 +209,9 @@ def read_numbers(path: Path, lines: list[str], start: int) -> list[float]:
 
 
 def _split_touching(line: str) -> list[str] | None:
-    """Return the words of a line whose columns touch; None if they cannot be separated.
-
-    A word ends before a sign, and after an exponent. If that does not separate the words, all columns must
-    have the same width, with the decimal point at the same position in each column.
-    """
+    """Return the words of a line whose columns touch; None if they cannot be separated. A word ends before a
+    sign, and after an exponent. If that does not separate the words, all columns must have the same width,
+    with the decimal point at the same position in each column."""
     line, position, words = line.rstrip(), 0, []
     while match := _TOUCHING.match(line, position):
         words.append(match[1])
@@ -243,16 +226,13 @@ def _split_touching(line: str) -> list[str] | None:
 
 
 def fixed_width(path: Path, lines: list[str], start: int, count: int, text: str) -> np.ndarray:
-    """Return numbers in columns of fixed width, which may touch.
+    """Return `count` numbers in columns of fixed width, which may touch. Raises `ValueError` for a wrong
+    number of columns or values, and for a format without columns.
 
-    - `path`, `lines`: path and lines of the file
     - `start`: index of the first line with numbers. Messages about the format or the count name the line
       before it
-    - `count`: number of values to read
     - `text`: text that contains the Fortran format, such as (8F10.4). If it contains none, the format is
       eight columns of 10 characters
-
-    Raises `ValueError` for a wrong number of columns or values, and for a format without columns.
     """
     match = _FORTRAN.search(text)
     per_line, width = (int(match[1]), int(match[2])) if match else (8, 10)
@@ -274,21 +254,14 @@ def fixed_width(path: Path, lines: list[str], start: int, count: int, text: str)
 
 
 def first_match(pattern: re.Pattern, lines: list[str], start: int, end: int) -> tuple[int, re.Match] | None:
-    """Return index and match of the first line that matches a pattern; None if no line does.
-
-    - `pattern`: compiled pattern
-    - `lines`: lines of the file
-    - `start`, `end`: indices of the first searched line and of the line after the last one
-    """
+    """Return index and match of the first line, among those with the indices `start` ≤ k < `end`, that
+    matches a pattern; None if no line does."""
     return next(((k, match) for k in range(start, end) if (match := pattern.match(lines[k]))), None)
 
 
 def filter_corners(band: re.Match | None) -> dict[str, float]:
-    """Return the corner frequencies of the high-pass and low-pass filter [Hz] as metadata. Unless both are
-    numbers, the result is empty.
-
-    - `band`: match with the two corner frequencies as its groups, the high-pass first, or None
-    """
+    """Return the corner frequencies of the high-pass and low-pass filter [Hz], the two groups of `band`, as
+    metadata. Unless both are numbers, the result is empty."""
     try:
         return {"high_pass_Hz": float(band[1]), "low_pass_Hz": float(band[2])} if band else {}
     except ValueError:

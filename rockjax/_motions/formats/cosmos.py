@@ -26,11 +26,8 @@ _COSMOS_DATA = re.compile(r"\s*(\d{1,9})\s+ACCELERATION\s+PTS\b.*?UNITS\s*=\s*([
 
 
 def _read_cosmos(path: Path, lines: list[str], component: Component) -> Samples:
-    """Read COSMOS format 1.20.
-
-    Each channel has a text header, an integer header, a header of real numbers, comments and data. Each of
-    these parts begins with a line that states the length of the part.
-    """
+    """Read COSMOS format 1.20. Each channel has a text header, an integer header, a header of real numbers,
+    comments and data. Each of these parts begins with a line that states the length of the part."""
     sections = [(k, match) for k, line in enumerate(lines) if (match := _COSMOS.match(line))]
     ends = [k for k, _ in sections[1:]] + [len(lines)]
     title = sections[0][1]

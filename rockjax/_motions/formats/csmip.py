@@ -24,11 +24,8 @@ _CSMIP_DATA = re.compile(rf"\s*(\d{{1,9}})\s+POINTS OF ACCEL DATA EQUALLY SPACED
 
 
 def _read_csmip(path: Path, lines: list[str], component: Component) -> Samples:
-    """Read volume 2 of CSMIP.
-
-    Each channel consists of 25 lines of text, then integers, then real numbers, and finally the samples of
-    acceleration, velocity and displacement.
-    """
+    """Read volume 2 of CSMIP. Each channel consists of 25 lines of text, then integers, then real numbers,
+    and finally the samples of acceleration, velocity and displacement."""
     starts = [(k, match) for k, line in enumerate(lines) if (match := _CSMIP.match(line))]
     channels = [(int(match[1] or n), match[2] or "") for n, (_, match) in enumerate(starts, start=1)]
     chosen = choose_channel(path, channels, component)

@@ -29,11 +29,8 @@ def _is_geonet(path: Path, lines: list[str]) -> bool:
 
 
 def _read_geonet(path: Path, lines: list[str], component: Component) -> Samples:
-    """Read volume 2 of GeoNet.
-
-    For each component, a file has 16 lines of text, 40 integers, 60 real numbers, and the samples of
-    acceleration, velocity and displacement. Lines of numbers contain ten numbers.
-    """
+    """Read volume 2 of GeoNet. For each component, a file has 16 lines of text, 40 integers, 60 real numbers,
+    and the samples of acceleration, velocity and displacement. Lines of numbers contain ten numbers."""
     starts = [k for k, line in enumerate(lines) if _START.match(line)]
     match = _START.match(lines[0])
     assert match is not None

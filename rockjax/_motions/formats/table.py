@@ -69,10 +69,8 @@ def _load_array(path: Path) -> np.ndarray:
 
 
 def _split_cells(text: str) -> list[str]:
-    """Return the cells of a row of numbers. Semicolons, blanks or commas separate the cells.
-
-    If semicolons or blanks separate the cells, commas in the numbers are decimal commas.
-    """
+    """Return the cells of a row of numbers, separated by semicolons, blanks or commas. If semicolons or
+    blanks separate the cells, commas in the numbers are decimal commas."""
     words = text.split()
     has_decimal_commas = any(map(_DECIMAL_COMMA.fullmatch, words)) and not re.search(r",\s|\s,|\.", text)
     if ";" in text:
@@ -85,11 +83,9 @@ def _split_cells(text: str) -> list[str]:
 
 
 def _is_heading(cells: list[str]) -> bool:
-    """Return True for a row of headings, which is a row whose first cell is not a number.
-
-    The first cell of the headings may be empty, as in files that pandas writes. Then the other cells must be
-    names or column numbers.
-    """
+    """Return True for a row of headings, which is a row whose first cell is not a number. The first cell of
+    the headings may be empty, as in files that pandas writes. Then the other cells must be names or column
+    numbers."""
     if not cells[0]:
         return all(_NUMBER_LIKE.match(cell) is None or re.fullmatch(r"\d{1,3}", cell) for cell in cells[1:])
     return _NUMBER_LIKE.match(cells[0]) is None
@@ -275,12 +271,9 @@ def _direction(quantity: str) -> str:
 
 
 def _guess_kinds(path: Path, rows: np.ndarray, component: Component) -> list[str]:
-    """Return the kinds of the columns of a table without headings.
-
-    A single column is an acceleration. The first of two columns contains sample numbers or times. The first
-    of three or more columns contains sample numbers, times or an acceleration. All other columns are
-    accelerations. Raises `ValueError` for more than two columns if no component is requested.
-    """
+    """Return the kinds of the columns of a table without headings: accelerations, except that the first of
+    two columns contains sample numbers or times, and the first of more columns sample numbers, times or an
+    acceleration. Raises `ValueError` for more than two columns if no component is requested."""
     count = rows.shape[1]
     if count == 1:
         return ["acceleration"]
@@ -305,12 +298,8 @@ def _is_rising(values: np.ndarray) -> bool:
 
 
 def _last_digit(times: list[str], values: np.ndarray) -> float:
-    """Return the size of the last digit of times in their unit, such as 0.01; 0 if all times are 0.
-
-    All times are assumed to have the same number of decimals, or the same number of significant digits.
-
-    - `times`, `values`: the times as texts and as numbers
-    """
+    """Return the size of the last digit of times in their unit, such as 0.01; 0 if all times are 0. All times
+    are assumed to have the same number of decimals, or the same number of significant digits."""
     largest = float(np.abs(values).max())
     if not largest:
         return 0.0
@@ -327,15 +316,9 @@ def _last_digit(times: list[str], values: np.ndarray) -> float:
 
 
 def _interval(path: Path, table: _Table, factor: float, column: int) -> float | None:
-    """Return the sampling interval of a column of times [s]; None if there is only one time.
-
-    - `path`: path of the file, for messages
-    - `table`: the table
-    - `factor`: size of the unit of the times in the table [s]
-    - `column`: index of the column of times
-
-    Raises `ValueError` unless the times are equally spaced within their rounding.
-    """
+    """Return the sampling interval of a column of times [s]; None if there is only one time. `factor` is the
+    size of the unit of the times [s]. Raises `ValueError` unless the times are equally spaced within their
+    rounding."""
     values = table.rows[:, column]
     count = len(values)
     if count < 2:
@@ -384,14 +367,9 @@ def _interval(path: Path, table: _Table, factor: float, column: int) -> float | 
 
 
 def _simplest_step(values: np.ndarray, step: float, digit: float, factor: float) -> float:
-    """Return the step of rounded times for which the sampling rate [Hz] has the fewest decimals.
-
-    - `values`: the times
-    - `step`: mean step of the times; returned if no rate with at most four decimals fits the times almost as
-      well as this step
-    - `digit`: size of the last digit of the times
-    - `factor`: size of the unit of `values`, `step`, `digit` and of the result [s]
-    """
+    """Return the step of rounded times for which the sampling rate [Hz] has the fewest decimals; the mean
+    `step` if no rate with at most four decimals fits the times almost as well. `digit` is the size of the
+    last digit of the times, `factor` the size of their unit [s]."""
     k, rate = np.arange(len(values)), 1 / (factor * step)
     allowed = min(digit, 1.2 * float(np.ptp(values - step * k))) + 1e-15 * float(np.abs(values).max())
     candidates = (1 / (factor * round(rate, digits)) for digits in range(5) if round(rate, digits) > 0)

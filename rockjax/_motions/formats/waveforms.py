@@ -23,15 +23,9 @@ WAVEFORMS = {".mseed": "MSEED", ".miniseed": "MSEED", ".sac": "SAC", ".gse2": "G
 
 
 def read(path: Path, content: bytes, component: Component) -> Samples:
-    """Read the samples of a channel with ObsPy. These formats do not state the unit of the samples.
-
-    - `path`: path of the file, for its suffix and for messages
-    - `content`: bytes of the file
-    - `component`: number or name of a channel, if the file has several; otherwise None
-
-    Raises `ValueError` if ObsPy is not installed or cannot read the file, or if the channel has gaps,
-    overlaps or a sampling interval that changes.
-    """
+    """Read the samples of a channel with ObsPy. These formats do not state the unit of the samples. Raises
+    `ValueError` if ObsPy is not installed or cannot read the file, or if the channel has gaps, overlaps or a
+    sampling interval that changes."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # warnings of ObsPy's plug-ins

@@ -72,17 +72,13 @@ class AbstractEstimator(abc.ABC):
         """Return the estimate from all rounds so far."""
 
     def slopes(self) -> ProbabilitySlopes | None:
-        """Return dP/dy for the named parameters y, from the samples so far.
-
-        Return None if the limit state has no named parameters, or if the method computes no derivatives.
-        """
+        """Return dP/dy for the named parameters y, from the samples so far; None if the limit state has no
+        named parameters, or if the method computes no derivatives."""
         return None
 
     def has_converged(self, estimate: ProbabilityEstimate, cov: float) -> bool:
-        """Return True if the coefficient of variation of an estimate is at most `cov`.
-
-        At least `MIN_ROUNDS` rounds and `MIN_EFFECTIVE` effective failures are also required.
-        """
+        """Return True if the coefficient of variation of an estimate is at most `cov`, after at least
+        `MIN_ROUNDS` rounds and with at least `MIN_EFFECTIVE` effective failures."""
         return self.rounds >= MIN_ROUNDS and estimate.effective >= MIN_EFFECTIVE and estimate.cov <= cov
 
     def has_light_tail(self) -> bool:
@@ -96,16 +92,13 @@ class AbstractEstimator(abc.ABC):
     def run(
         self, cov: float, max_scenes: int, first: int, report: Callable[[ProbabilityEstimate], None]
     ) -> ProbabilityEstimate:
-        """Add rounds until the estimate converges, the estimator is exhausted, or `max_scenes` is reached.
+        """Add rounds until the estimate converges, the estimator is exhausted, or `max_scenes` is reached,
+        and return the last estimate. No round begins after `max_scenes` scenes. `report` receives the
+        estimate after each round.
 
-        - `cov`: coefficient of variation to reach
-        - `max_scenes`: number of scenes after which no further round begins
-        - `first`: approximate number of scenes of the first round. The first round of a `Subset` has a fixed
-          size instead. The size of later rounds follows from the last estimate, but is at most three times
-          the number of scenes so far
-        - `report`: function that receives the estimate after each round
-
-        Returns the last estimate.
+        The first round has about `first` scenes, except that the first round of a `Subset` has a fixed size.
+        The size of later rounds follows from the last estimate, but is at most three times the number of
+        scenes so far.
         """
         start, size = self.limit.scenes, first
         while True:
@@ -141,11 +134,9 @@ class AbstractMean(AbstractEstimator):
 
 
 def lognormal_interval(p: float, error: float, count: int) -> tuple[float, float]:
-    """Return the lognormal confidence interval of an estimate p with the standard error `error`.
-
-    For p = 0 the interval starts at 0. Its upper end is the probability of failure at which `count` samples
-    contain no failure with the probability 1 − `CONFIDENCE`.
-    """
+    """Return the lognormal confidence interval of an estimate p with the standard error `error`. For p = 0 it
+    starts at 0, and its upper end is the probability of failure at which `count` samples contain no failure
+    with the probability 1 − `CONFIDENCE`."""
     if p == 0:
         return 0.0, 1 - (1 - CONFIDENCE) ** (1 / count)
     factor = math.exp(

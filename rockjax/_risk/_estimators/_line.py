@@ -107,10 +107,8 @@ class Line(AbstractEstimator):
         )
 
     def _draw(self, counts: np.ndarray) -> _Lines:
-        """Draw `counts` new lines for each design point, and return those that meet its region.
-
-        The contributions of the other lines are zero.
-        """
+        """Draw `counts` new lines for each design point, and return those that meet its region. The
+        contributions of the other lines are zero."""
         region = np.repeat(np.arange(counts.size), counts)
         line = np.concatenate([np.arange(n) + self.contributions[i].size for i, n in enumerate(counts)])
         for i, n in enumerate(counts):

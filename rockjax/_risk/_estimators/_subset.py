@@ -123,13 +123,11 @@ class Subset(AbstractEstimator):
         return _Run(0.0, math.inf, samples, np.zeros((0, self.limit.dimension)))
 
     def _chains(self, u, g, level: float, move_size: float):
-        """Advance chains: a generator that yields candidates and receives their G.
-
-        Returns the samples of all chains, their G, and the size of the next move.
+        """Advance chains: a generator that yields candidates and receives their G. Returns the samples of all
+        chains, their G, and the size of the next move.
 
         - `u`, `g`: first sample of each chain, shape (chains, d), and G of these samples, shape (chains,)
-        - `level`: largest accepted G
-        - `move_size`: size s of the first move, in (0, 1]
+        - `level`: largest accepted G; `move_size`: size s of the first move, in (0, 1]
         """
         us, gs = [u], [g]
         move_share = max(MOVE_SHARE, MIN_MOVED / self.limit.dimension)
@@ -180,12 +178,9 @@ def _finite(variance: float) -> float:
 
 
 def _relative_variance(is_below: np.ndarray, chains: int) -> float:
-    """Return the relative variance of the share of samples at or below a level (Au & Beck 2001).
-
-    - `is_below`: True for samples at or below the level, shape (n,): the first samples of all chains, then
-      the second ones, …
-    - `chains`: number of chains; the correlation along each chain increases the variance
-    """
+    """Return the relative variance of the share of samples at or below a level (Au & Beck 2001). `is_below`,
+    shape (n,), lists the first samples of all chains, then the second ones, …; the correlation along each
+    chain increases the variance."""
     n, p = is_below.size, float(is_below.mean())
     if p in (0.0, 1.0):
         return 0.0
