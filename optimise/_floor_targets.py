@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
@@ -50,13 +49,6 @@ class AbstractFloorTarget(AbstractTarget):
     @property
     def scenes(self) -> int:
         return len(self.suite)
-
-    @property
-    def things(self) -> tuple[Any, ...]:
-        """Deprecated name of `systems`."""
-        name = type(self).__name__
-        warnings.warn(f"{name}.things is called systems now", DeprecationWarning, stacklevel=2)
-        return self.systems
 
 
 def _as_tuple(owner: str, name: str, required: type, value: Any) -> tuple[Any, ...]:

@@ -6,11 +6,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-import optimise
 import rockjax as rj
 from rockjax._engine.coefficients import coefficients
 from rockjax._engine.model import acceleration
-from rockjax._motions.near_fault import PulseFit
 
 from .scenes import PODIUMS, G
 
@@ -134,28 +132,3 @@ def test_structures_are_pytrees_of_arrays():
     assert all(isinstance(y, jax.Array | np.ndarray) and y.dtype == jnp.float64 for y in leaves)
     doubled = jax.tree.map(lambda y: 2 * y, PODIUMS["elastic"])
     assert float(doubled.alpha) == 2 * float(PODIUMS["elastic"].alpha)
-
-
-def test_former_names_warn():
-    elastic, building = rj.Elastic(1.0, 0.5), rj.ShearBuilding([1.0, 1.0], [100.0, 100.0], modes=1)
-    podium = rj.Podium(alpha=0.2, R=3.0, superstructure=elastic)
-    for owner, former, name in (
-        (podium, "apart", "mass_ratios"),
-        (building, "several", "has_mode_axis"),
-        (building, "kept", "retained"),
-        (elastic, "moving", "vibrating_mass"),
-    ):
-        with pytest.warns(DeprecationWarning, match=rf"\.{former} is called {name} now"):
-            assert getattr(owner, former) == getattr(owner, name)
-    with pytest.warns(DeprecationWarning, match=r"Podium\.split is called split_rows now"):
-        assert podium.split() == podium.split_rows()
-    target = optimise.FloorSpectrum(5.0, rj.Ricker(3.0, 1.0), rj.Oscillator(0.3))
-    with pytest.warns(DeprecationWarning, match=r"FloorSpectrum\.things is called systems now"):
-        assert target.things is target.systems
-    motion = rj.Motion(np.sin(np.linspace(0.0, 6.0, 61)), 0.1)
-    fit = PulseFit(
-        rj.MavroeidisPapageorgiou(0.5, 1.0, 2.0, 0.0), jnp.asarray(3.0), jnp.asarray(0.5), "velocity"
-    )
-    with pytest.warns(DeprecationWarning, match=r"PulseFit\.rest is called PulseFit\.residual now"):
-        former = fit.rest(motion)
-    np.testing.assert_array_equal(former.acceleration, fit.residual(motion).acceleration)

@@ -12,7 +12,6 @@ how large |ü_g| can still become, and how large the integral of |ü_g| over the
 from __future__ import annotations
 
 import abc
-import warnings
 from collections.abc import Callable
 from typing import Any, NamedTuple, Self
 
@@ -74,13 +73,6 @@ class AbstractLookahead(Module):
 
 class AbstractExcitation(Module):
     """Base class of ground motions ü_g(t) [m/s²]. Subclasses implement the abstract methods."""
-
-    def __init_subclass__(cls, **kwargs):
-        super().__init_subclass__(**kwargs)
-        if "outlook" in cls.__dict__ and "lookahead" not in cls.__dict__:
-            message = f"{cls.__name__}.outlook is called lookahead now: rename the method"
-            warnings.warn(message, DeprecationWarning, stacklevel=2)
-            cls.lookahead = cls.__dict__["outlook"]
 
     @property
     @abc.abstractmethod

@@ -48,31 +48,28 @@ class SingleMotions(NamedTuple):
     names: list[str] | None
 
 
-def as_excitation(owner: str, value, name: str = "excitation") -> AbstractExcitation:
+def as_excitation(owner: str, value) -> AbstractExcitation:
     """Return an argument as an excitation. An excitation is returned unchanged, even if it is a batch. Any
     other value must contain exactly one motion, or `ValueError` is raised."""
     if isinstance(value, AbstractExcitation):
         return value
-    members = single_motions(owner, value, name).members
+    members = single_motions(owner, value, "excitation").members
     if len(members) != 1:
         raise ValueError(
-            f"{owner}: {name} must be one motion, got "
-            f"{len(members)}; pass one of them, or pass all to rockjax.peak_responses or "
-            f"rockjax.incremental_dynamic_analysis"
+            f"{owner}: excitation must be one motion, got {len(members)}; pass one of them, or pass all to "
+            "rockjax.peak_responses or rockjax.incremental_dynamic_analysis"
         )
     return members[0]
 
 
-def as_batch(owner: str, value, name: str = "excitations") -> AbstractExcitation:
+def as_batch(owner: str, value) -> AbstractExcitation:
     """Return one or several motions as one excitation: a `Motion` as a single excitation, a list or `Motions`
     as a batch, as described at `combine_motions`. An excitation is returned unchanged."""
     if isinstance(value, Motion):
         return value.record()
-    return (
-        value
-        if isinstance(value, AbstractExcitation)
-        else combine_motions(owner, single_motions(owner, value, name).members, name)
-    )
+    if isinstance(value, AbstractExcitation):
+        return value
+    return combine_motions(owner, single_motions(owner, value, "excitations").members, "excitations")
 
 
 def as_records(owner: str, value, name: str = "records") -> tuple[Records | RecordPairs, list[str] | None]:
@@ -107,26 +104,15 @@ def _complete_table(owner: str, records: Records, name: str) -> Records:
     return Records.of(_records_of_table(owner, records, name))
 
 
-def as_motions(owner: str, value, name: str = "motion", count: int = 0) -> list[Motion]:
+def as_motions(owner: str, value, name: str = "motion") -> list[Motion]:
     """Return one or several motions as a list of `Motion`. A `Record` becomes a `Motion` with the name
-    `record k`, where k is its position in the list, from 1. `count` motions precede the list. For a
-    `GroundMotion`, the list contains only the horizontal component. Raises `ValueError` for motions without
-    samples, and for traced samples."""
-    if isinstance(value, Motion):
-        return [value]
-    if isinstance(value, Motions):
-        return list(value)
-    if isinstance(value, Iterable) and not isinstance(
-        value, str | bytes | AbstractExcitation | np.ndarray | jax.Array
-    ):
-        motions = []
-        for entry in value:
-            motions += as_motions(owner, entry, name, count + len(motions))
-        if not motions:
-            raise ValueError(f"{owner}: {name} must hold at least one motion, got none")
-        return motions
+    `record k`, where k is its position in the list, from 1. For a `GroundMotion`, the list contains only the
+    horizontal component. Raises `ValueError` for motions without samples, and for traced samples."""
     motions = []
-    for k, member in enumerate(single_motions(owner, value, name).members):
+    for k, member in enumerate(_flatten(owner, value, name), start=1):
+        if isinstance(member, Motion):
+            motions.append(member)
+            continue
         member = member.horizontal if isinstance(member, GroundMotion) else member
         samples = concrete(member.acceleration) if isinstance(member, Record) else None
         if samples is None or not isinstance(member, Record):
@@ -134,34 +120,35 @@ def as_motions(owner: str, value, name: str = "motion", count: int = 0) -> list[
                 f"{owner}: {name} must be rockjax.Motion, Motions or records, got {format_value(member)}; "
                 "rockjax.Motion(motion(t), dt) samples a motion at times t"
             )
-        motions.append(Motion(float(member.scale) * samples, float(member.dt), f"record {count + k + 1}"))
+        motions.append(Motion(float(member.scale) * samples, float(member.dt), f"record {k}"))
     return motions
 
 
 def single_motions(owner: str, value, name: str) -> SingleMotions:
     """Return all single motions in an argument, which may be one motion, a table or `Motions`, or a nested
     list of these. Raises `ValueError` for a batch of another class, and if there is no motion."""
+    members = _flatten(owner, value, name)
+    labels = [y.name if isinstance(y, Motion) else pulse_name(y) for y in members]
+    names = [label for label in labels if label is not None]
+    return SingleMotions(
+        [member.record() if isinstance(member, Motion) else member for member in members],
+        make_unique(names) if len(names) == len(members) else None,
+    )
+
+
+def _flatten(owner: str, value, name: str) -> list[Motion | AbstractExcitation]:
+    """Return the motions of `single_motions`, with every `Motion` as it is."""
     if isinstance(value, Motion):
-        return SingleMotions([value.record()], [value.name])
-    if isinstance(value, Motions):
-        if not len(value):
-            raise ValueError(f"{owner}: {name} must hold at least one motion, got none")
-        return SingleMotions(list(value.records()), make_unique(value.names))
+        return [value]
     if isinstance(value, Records):
-        return SingleMotions(_records_of_table(owner, value, name), None)
+        return [*_records_of_table(owner, value, name)]
     if isinstance(value, AbstractExcitation):
-        label = pulse_name(require_single(owner, value, name))
-        return SingleMotions([value], None if label is None else [label])
-    if isinstance(value, list | tuple) or (
-        isinstance(value, Iterable) and not isinstance(value, _NO_MOTIONS)
-    ):
-        entries = [single_motions(owner, entry, f"{name}[{k}]") for k, entry in enumerate(value)]
-        members = [member for entry in entries for member in entry.members]
+        return [require_single(owner, value, name)]
+    if isinstance(value, Iterable) and not isinstance(value, _NO_MOTIONS):
+        members = [y for k, entry in enumerate(value) for y in _flatten(owner, entry, f"{name}[{k}]")]
         if not members:
             raise ValueError(f"{owner}: {name} must hold at least one motion, got none")
-        names = [label for entry in entries for label in entry.names or ()]
-        has_names = all(entry.names is not None for entry in entries)
-        return SingleMotions(members, make_unique(names) if has_names else None)
+        return members
     raise ValueError(f"{owner}: {name} must be {ACCEPTED_MOTIONS}, got {format_value(value)}{_advice(value)}")
 
 
@@ -220,18 +207,16 @@ def require_single(owner: str, motion: AbstractExcitation, name: str) -> Abstrac
 
 def _records_of_table(owner: str, records: Records, name: str) -> list[Record]:
     """Return the selected rows of a table as single records. Raises `ValueError` for traced tables."""
-    which, counts = concrete(records.which), concrete(records.counts)
+    which, counts, scale = map(concrete, (records.which, records.counts, records.scale))
     if which is None or counts is None:
         raise ValueError(f"{owner}: {name} must be concrete, but is traced; pass a list of records")
     if which.ndim > 1:
         raise ValueError(f"{owner}: {name} must be a table of shape (k,), got shape {which.shape}")
-    scales = (
-        np.broadcast_to(concrete(records.scale), which.shape) if concrete(records.scale) is not None else None
-    )
-    if scales is None:
+    if scale is None:
         raise ValueError(
             f"{owner}: the scale of {name} must be concrete, but is traced; pass a list of records"
         )
+    scales = np.broadcast_to(scale, which.shape)
     rows = zip(np.atleast_1d(which).astype(int), np.atleast_1d(scales), strict=True)
     samples = [records.acceleration[j, : int(count)] for j, count in enumerate(counts)]
     return [Record(samples[j], records.intervals[j], scale, records.starts[j]) for j, scale in rows]
@@ -261,21 +246,20 @@ def combine_motions(owner: str, members: Sequence[Any], name: str) -> AbstractEx
     return jax.tree.map(lambda *values: jnp.stack(values), *members)
 
 
-def as_pulse(owner: str, value, name: str = "pulse") -> Callable[[Any, Any], AbstractExcitation]:
+def as_pulse(owner: str, value) -> Callable[[Any, Any], AbstractExcitation]:
     """Check and return an argument that makes pulses from the amplitude a_p [m/s²] and the period T_p [s]. A
     class of pulses is returned unchanged. A function (a_p, T_p) ↦ excitation is wrapped, so that the type of
     its result is checked at every call."""
     if isinstance(value, type) and issubclass(value, AbstractPulse):
         return value
     if isinstance(value, AbstractPulse):
-        class_name = type(value).__name__
         raise ValueError(
-            f"{owner}: {name} must be {ACCEPTED_PULSES}, got the instance {format_value(value)}; pass the "
-            f"class rockjax.{class_name}"
+            f"{owner}: pulse must be {ACCEPTED_PULSES}, got the instance {format_value(value)}; pass the "
+            f"class rockjax.{type(value).__name__}"
         )
     if isinstance(value, AbstractExcitation | Motion | Motions | type) or not callable(value):
-        raise ValueError(f"{owner}: {name} must be {ACCEPTED_PULSES}, got {format_value(value)}")
-    return value if isinstance(value, _CheckedPulse) else _CheckedPulse(owner, name, value)
+        raise ValueError(f"{owner}: pulse must be {ACCEPTED_PULSES}, got {format_value(value)}")
+    return value if isinstance(value, _CheckedPulse) else _CheckedPulse(owner, value)
 
 
 ACCEPTED_PULSES = "a class of pulses such as rockjax.Ricker, or a function (a_p, T_p) → excitation"
@@ -284,10 +268,9 @@ ACCEPTED_PULSES = "a class of pulses such as rockjax.Ricker, or a function (a_p,
 @dataclasses.dataclass(frozen=True)
 class _CheckedPulse:
     """Wrapper that checks the results of a user-defined function of (a_p, T_p). Wrappers of the same function
-    with the same `owner` and `name` are equal, so that repeated calls reuse compiled programs."""
+    with the same `owner` are equal, so that repeated calls reuse compiled programs."""
 
     owner: str
-    name: str
     function: Callable[[Any, Any], Any]
 
     @property
@@ -299,14 +282,13 @@ class _CheckedPulse:
             inspect.signature(self.function).bind(a_p, T_p)
         except TypeError as error:
             raise ValueError(
-                f"{self.owner}: {self.name} must be {ACCEPTED_PULSES}; called with (a_p, T_p): {error}"
+                f"{self.owner}: pulse must be {ACCEPTED_PULSES}; called with (a_p, T_p): {error}"
             ) from None
         except ValueError:  # a builtin without a signature
             pass
         motion = self.function(a_p, T_p)
-        require_instance(
-            self.owner, f"the result of {self.name}(a_p, T_p)", motion, AbstractExcitation, "a rockjax motion"
-        )
+        result = "the result of pulse(a_p, T_p)"
+        require_instance(self.owner, result, motion, AbstractExcitation, "a rockjax motion")
         return motion
 
 

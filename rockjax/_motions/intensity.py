@@ -46,17 +46,16 @@ def cumulative_absolute_velocity(motion: Accelerogram) -> float:
     return float(0.5 * motion.dt * np.sum(np.where(crosses_zero, (a * a + b * b) / divisor, a + b)))
 
 
-def significant_duration(motion: Accelerogram, start: float = 0.05, end: float = 0.95) -> float:
-    """Return the time in which the Arias intensity grows from the fraction `start` to the fraction `end` of
-    its final value (Trifunac & Brady 1975) [s]; 0 for a motion that is zero throughout. Between samples, the
-    intensity is interpolated linearly."""
+def significant_duration(motion: Accelerogram) -> float:
+    """Return the time in which the Arias intensity grows from 5 % to 95 % of its final value (Trifunac &
+    Brady 1975) [s]; 0 for a motion that is zero throughout. Between samples, the intensity is interpolated
+    linearly."""
     cumulative_energy = energy(motion)
     if cumulative_energy[-1] == 0:
         return 0.0
-    t = np.interp(
-        [start * cumulative_energy[-1], end * cumulative_energy[-1]], cumulative_energy, motion.time
-    )
-    return float(t[1] - t[0])
+    levels = [0.05 * cumulative_energy[-1], 0.95 * cumulative_energy[-1]]
+    start, end = np.interp(levels, cumulative_energy, motion.time)
+    return float(end - start)
 
 
 def spectral_acceleration(motion: Accelerogram, period: float, damping: float = 0.05) -> float:
@@ -136,18 +135,13 @@ def measure_by_label(owner: str, motion: Accelerogram, label: str) -> float:
 
 def intensity_measures(
     motion: Accelerogram | Sequence[Accelerogram],
-    *,
-    periods: Iterable[float] = (0.1, 0.2, 0.5, 1.0, 2.0),
-    damping: float = 0.05,
+    periods: Iterable[float],
+    damping: float,
     podium: Podium | None = None,
     owner: str = "intensity_measures",
 ) -> xarray.Dataset:
-    """Implement [`rockjax.intensity_measures`][].
-
-    - `motion`: a motion, for scalars, or a sequence of motions, for arrays with the dimension `motion`
-    - `periods`, `damping`, `podium`: as for [`rockjax.intensity_measures`][]
-    - `owner`: function that error messages name
-    """
+    """Return [`rockjax.intensity_measures`][] of a motion as scalars, or of a sequence of motions as arrays
+    with the dimension `motion`. Error messages name `owner`."""
     import xarray
 
     is_sequence = not isinstance(motion, Accelerogram)
@@ -168,7 +162,7 @@ def intensity_measures(
         "D5_95": (
             "s",
             "significant duration, 5–95 % of Arias intensity",
-            [significant_duration(m) for m in motions],
+            list(map(significant_duration, motions)),
         ),
         "scale": (
             "1",

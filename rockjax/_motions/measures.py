@@ -52,4 +52,4 @@ def intensity_measures(
     """
     motions = as_motions("intensity_measures", motion)
     motion_or_list = motions[0] if isinstance(motion, Motion | Record) else motions
-    return intensity.intensity_measures(motion_or_list, periods=periods, damping=damping, podium=podium)
+    return intensity.intensity_measures(motion_or_list, periods, damping, podium)

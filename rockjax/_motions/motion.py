@@ -366,7 +366,7 @@ class Motions(Sequence[Motion]):
 
         - `periods`, `damping`, `podium`: as for [`rockjax.intensity_measures`][]
         """
-        return intensity_measures(self, periods=periods, damping=damping, podium=podium)
+        return intensity_measures(self, periods, damping, podium)
 
     def _rows(self) -> list[tuple[str, ...]]:
         return [

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import warnings
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -117,11 +116,6 @@ class PulseFit:
         """Return the motion minus the pulse. A vertical component is not changed."""
         pulse = np.asarray(self.pulse(jnp.asarray(motion.time) - self.time))
         return dataclasses.replace(motion, acceleration=motion.acceleration - pulse)
-
-    def rest(self, motion: Motion) -> Motion:
-        """Call `residual`, the present name of this method."""
-        warnings.warn("PulseFit.rest is called PulseFit.residual now", DeprecationWarning, stacklevel=2)
-        return self.residual(motion)
 
     def __repr__(self):
         if concrete(self.share) is None:

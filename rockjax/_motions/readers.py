@@ -89,30 +89,47 @@ def read_suite(
     path = Path(path)
     check_arguments(path, units, dt, component)
     scale = require_number(str(path), "scale", scale, np.isfinite, "finite")
-    if path.is_dir():
-        if pattern is None and (path / TABLE).is_file():
-            path = path / TABLE
-        else:
-            try:
-                files = sorted(
-                    p for p in path.glob(pattern or "*") if p.is_file() and not p.name.startswith(".")
-                )
-            except (ValueError, NotImplementedError, OSError) as error:
-                raise ValueError(f"{path}: pattern {pattern!r} is not valid: {error}") from None
-            if not files:
-                raise ValueError(f"{path}: the folder has no file" + (f" {pattern}" if pattern else ""))
-            return _read_all(
-                path,
-                [(str(file), {"file": str(file)}) for file in files],
-                units,
-                dt,
-                scale,
-                component,
-                advises_pattern=pattern is None,
+    path, rows = _files_to_read(path, pattern)
+    motions, problems = [], []
+    for location, row in rows:
+        row_dt, row_scale = _parse_cell(location, row, "dt"), _parse_cell(location, row, "scale")
+        row_units = row.get("units", units)
+        try:
+            motion = read(
+                row["file"], row_units, dt if row_dt is None else row_dt, row.get("component", component)
             )
-    elif pattern is not None:
+        except ValueError as error:
+            problems.append(str(error))
+            continue
+        warn_if_implausible(motion, row["file"], stacklevel=3, unit_from_user=row_units is not None)
+        extra_columns = {key: value for key, value in row.items() if key not in _COLUMNS}
+        name, metadata = row.get("name", motion.name), dict(motion.metadata) | extra_columns
+        motion = Motion(motion.acceleration, motion.dt, name, motion.source, metadata)
+        factor = scale * (1.0 if row_scale is None else row_scale)
+        motions.append(motion.scaled(factor) if factor != 1 else motion)
+    if problems:
+        hint = "; a pattern such as '*.AT2' (on the command line --pattern) selects files"
+        summary = f"{path}: {len(problems)} of {len(rows)} files cannot be read"
+        summary += hint if pattern is None and path.is_dir() else ""
+        raise ValueError("\n  ".join([summary, *problems]))
+    return Motions(tuple(motions))
+
+
+def _files_to_read(path: Path, pattern: str | None) -> tuple[Path, list[tuple[str, dict[str, str]]]]:
+    """Return the folder or table that `read_suite` reads and, for each file, its location for messages and
+    its cells of the table by heading."""
+    if pattern is not None and not path.is_dir():
         raise ValueError(f"{path}: pattern applies to folders, but this is not a folder; leave pattern out")
-    return _read_all(path, _read_table(path), units, dt, scale, component, advises_pattern=False)
+    table = path / TABLE if path.is_dir() else path
+    if pattern is None and (table.is_file() or not path.is_dir()):
+        return table, _read_table(table)
+    try:
+        files = sorted(p for p in path.glob(pattern or "*") if p.is_file() and not p.name.startswith("."))
+    except (ValueError, NotImplementedError, OSError) as error:
+        raise ValueError(f"{path}: pattern {pattern!r} is not valid: {error}") from None
+    if not files:
+        raise ValueError(f"{path}: the folder has no file" + (f" {pattern}" if pattern else ""))
+    return path, [(str(file), {"file": str(file)}) for file in files]
 
 
 def is_table(path: Path) -> bool:
@@ -159,54 +176,3 @@ def _parse_cell(location: str, row: dict[str, str], name: str) -> float | None:
     if value is not None and not np.isfinite(value):
         raise ValueError(f"{location}: {name} must be a finite number, got {row[name]!r}")
     return value
-
-
-def _read_all(
-    path: Path,
-    rows: list[tuple[str, dict[str, str]]],
-    units,
-    dt,
-    scale: float,
-    component,
-    *,
-    advises_pattern: bool,
-) -> Motions:
-    """Read the files of a folder or table. `rows` contains, for each file, its location for messages, and its
-    cells of the table by heading. `advises_pattern` states that the message about unreadable files advises
-    the argument `pattern`. Other arguments are as for `read_suite`."""
-    motions, problems = [], []
-    for location, row in rows:
-        row_dt, row_scale = _parse_cell(location, row, "dt"), _parse_cell(location, row, "scale")
-        try:
-            motion = read(
-                row["file"],
-                row.get("units", units),
-                dt if row_dt is None else row_dt,
-                row.get("component", component),
-            )
-        except ValueError as error:
-            problems.append(str(error))
-            continue
-        warn_if_implausible(
-            motion, row["file"], stacklevel=4, unit_from_user=row.get("units", units) is not None
-        )
-        extra_columns = {key: value for key, value in row.items() if key not in _COLUMNS}
-        motion = Motion(
-            motion.acceleration,
-            motion.dt,
-            row.get("name", motion.name),
-            motion.source,
-            dict(motion.metadata) | extra_columns,
-        )
-        factor = scale * (1.0 if row_scale is None else row_scale)
-        motions.append(motion.scaled(factor) if factor != 1 else motion)
-    if problems:
-        hint = (
-            "; a pattern such as '*.AT2' (on the command line --pattern) selects files"
-            if advises_pattern
-            else ""
-        )
-        raise ValueError(
-            "\n  ".join([f"{path}: {len(problems)} of {len(rows)} files cannot be read{hint}", *problems])
-        )
-    return Motions(tuple(motions))

@@ -23,24 +23,15 @@ NEWTON_STEPS = 40  # number of steps in the search for the stability angle, more
 
 
 def as_restrainers(value) -> tuple[AbstractRestrainer, ...]:
-    """Convert the argument `Podium.restrainers` to a tuple. Raises `ValueError` unless it is a tuple or
-    list."""
-    if value is None or isinstance(value, AbstractRestrainer) or not isinstance(value, tuple | list):
-        raise ValueError(
-            f"Podium: restrainers must be a tuple of {', '.join(KINDS)}, such as (Tendon(0.5),), got "
-            f"{format_value(value)}"
-        )
-    return tuple(value)
-
-
-def check_restrainers(value: tuple) -> None:
-    """Raise `ValueError` for elements that are not restrainers."""
+    """Convert the argument `Podium.restrainers` to a tuple. Raises `ValueError` unless it is a tuple or list
+    of restrainers."""
+    accepted = f"Podium: restrainers must be a tuple of {', '.join(KINDS)}, such as (Tendon(0.5),), got"
+    if not isinstance(value, tuple | list):
+        raise ValueError(f"{accepted} {format_value(value)}")
     for element in value:
         if not isinstance(element, AbstractRestrainer):
-            raise ValueError(
-                f"Podium: restrainers must be a tuple of {', '.join(KINDS)}, got a tuple with the element "
-                f"{format_value(element)}"
-            )
+            raise ValueError(f"{accepted} a tuple with the element {format_value(element)}")
+    return tuple(value)
 
 
 def devices_by_joints(

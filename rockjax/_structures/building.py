@@ -7,7 +7,6 @@ stiffness ratios. Equations with a C are in docs/modes.md.
 from __future__ import annotations
 
 import math
-import warnings
 from typing import Any, ClassVar, NamedTuple, Self
 
 import equinox as eqx
@@ -193,12 +192,6 @@ class ShearBuilding(AbstractSuperstructure):
     @property
     def elastic(self) -> bool:
         return self.retained > 0
-
-    @property
-    def kept(self) -> int:
-        """Former name of `retained`."""
-        warnings.warn("ShearBuilding.kept is called retained now", DeprecationWarning, stacklevel=2)
-        return self.retained
 
     @property
     def has_mode_axis(self) -> bool:

@@ -9,7 +9,6 @@ states where equations with a letter, such as (C10), are.
 from __future__ import annotations
 
 import dataclasses
-import warnings
 from collections.abc import Mapping
 from typing import Any
 
@@ -35,7 +34,6 @@ from rockjax._restrainers.base import AbstractRestrainer
 from rockjax._restrainers.combined import (
     apparent_mass,
     as_restrainers,
-    check_restrainers,
     devices_by_joints,
     prestress,
     stability_angle,
@@ -113,7 +111,6 @@ class Podium(Module):
                 "Podium: superstructure must be None, Elastic(...), Rigid(...), Modes(...) or "
                 f"ShearBuilding(...), got {self.superstructure!r}"
             )
-        check_restrainers(self.restrainers)
         self._check_elevation()
 
     def _check_elevation(self) -> None:
@@ -285,12 +282,6 @@ class Podium(Module):
         return (self.gamma if carried is None else self.gamma + carried), oscillators.vibrating_mass
 
     @property
-    def apart(self) -> tuple[Number, Number]:
-        """Former name of `mass_ratios`."""
-        warnings.warn("Podium.apart is called mass_ratios now", DeprecationWarning, stacklevel=2)
-        return self.mass_ratios
-
-    @property
     def uplift_ground_acceleration(self) -> Number:
         """Ground acceleration that lifts the columns of a podium at rest, g tan α, Eq. (5) [m/s²]. Tendons of
         prestress τ raise it to g tan α (1 + τ/w), where w = γ+η+½.
@@ -434,7 +425,7 @@ class Podium(Module):
             return self.uplifted_frequencies[..., -1]
         mass_term = self.lam + 1 + 4 * self.gamma
         if self.restrainers:
-            return self._restrained_frequency(mass_term, oscillators)
+            return self._restrained_frequency(oscillators)
         ratio = (mass_term + 4 * self.eta) / (mass_term + 4 * self.eta * jnp.sin(self.alpha) ** 2)
         return jnp.sqrt(ratio) * oscillators.omega_s
 
@@ -478,13 +469,11 @@ class Podium(Module):
             raise ValueError(f"Podium.{name} needs an elastic superstructure, such as Elastic(...)")
         return oscillators
 
-    def _restrained_frequency(self, mass_term: Number, superstructure: Elastic) -> Number:
-        """Return `uplifted_frequency` with restrainers and one oscillator; `mass_term` is 1+λ+4γ."""
-        sin2, omega2 = jnp.sin(self.alpha) ** 2, superstructure.omega_s**2
-        mu, kappa = apparent_mass(self.restrainers), stiffness(self.restrainers)
-        inertia = 0.75 * mass_term + 3 * (self.eta + (0.0 if mu is None else mu)) * sin2
-        stiffness_term = 0.0 if kappa is None else 4 * self.p**2 * kappa * sin2
-        middle = 0.5 * (stiffness_term + omega2 * (inertia + 3 * self.eta * (1 - sin2)))
+    def _restrained_frequency(self, oscillator: Elastic) -> Number:
+        """Return `uplifted_frequency` with restrainers and one oscillator."""
+        inertia, stiffness_term, cos_alpha = self._uplifted_constants()
+        omega2 = oscillator.omega_s**2
+        middle = 0.5 * (stiffness_term + omega2 * (inertia + 3 * self.eta * cos_alpha**2))
         # Rounding can make the square negative if both roots are equal.
         square = jnp.maximum(middle**2 - inertia * stiffness_term * omega2, 0.0)
         return jnp.sqrt((middle + jnp.sqrt(square)) / inertia)
@@ -526,11 +515,6 @@ class Podium(Module):
         if isinstance(elevation, Elevation):
             elevation = elevation.split_rows(superstructure)
         return podium._with_parts(None if superstructure is None else superstructure.split_rows(), elevation)
-
-    def split(self) -> Podium:
-        """Former name of `split_rows`."""
-        warnings.warn("Podium.split is called split_rows now", DeprecationWarning, stacklevel=2)
-        return self.split_rows()
 
     def without_idle_restrainers(self) -> Podium:
         """Return the podium without restrainers of zero strength, which have no effect but cost time."""

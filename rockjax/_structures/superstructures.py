@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import abc
 import math
-import warnings
 from typing import ClassVar, Self
 
 import equinox as eqx
@@ -59,14 +58,6 @@ class AbstractSuperstructure(Module):
     def has_mode_axis(self) -> bool:
         """True if displacements and deformations have an axis of modes; a Python bool."""
         return False
-
-    @property
-    def several(self) -> bool:
-        """Former name of `has_mode_axis`."""
-        warnings.warn(
-            "AbstractSuperstructure.several is called has_mode_axis now", DeprecationWarning, stacklevel=2
-        )
-        return self.has_mode_axis
 
     @property
     def floors(self) -> Array | None:
@@ -169,12 +160,6 @@ class Elastic(AbstractSuperstructure):
     def vibrating_mass(self) -> Number:
         """Mass ratio of the vibrating mass [–]."""
         return self.eta
-
-    @property
-    def moving(self) -> Number:
-        """Former name of `vibrating_mass`."""
-        warnings.warn("Elastic.moving is called vibrating_mass now", DeprecationWarning, stacklevel=2)
-        return self.vibrating_mass
 
     @property
     def carried(self) -> None:

@@ -230,14 +230,6 @@ def test_a_motion_of_ones_own():
 def test_the_former_name_of_the_lookahead_warns():
     with pytest.warns(DeprecationWarning, match="AbstractLookahead"):
         assert rj.AbstractOutlook is rj.AbstractLookahead  # pyright: ignore[reportAttributeAccessIssue]
-    with pytest.warns(DeprecationWarning, match="Mine.outlook is called lookahead now"):
-
-        class Mine(rj.Ricker):
-            def outlook(self, threshold):
-                return rj.Ricker.lookahead(self, threshold)
-
-    mine = Mine(4.0, 1.0)
-    assert float(mine.lookahead(None).impulse(jnp.asarray(-3.0), jnp.asarray(0))) > 0
 
 
 def test_methods_can_be_compiled():
