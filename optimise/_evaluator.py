@@ -29,7 +29,7 @@ from ._answer import Effort
 from ._descent import Descent, End, Evaluation, rank
 from ._fresh import BOOTSTRAP_STREAM, FreshSamples
 from ._objectives import AbstractObjective, PodiumFunction
-from ._sampling import MarginSlope, SampledTargets
+from ._sampling import SampledTargets
 from ._suite import Suite, is_same_suite
 from ._targets import AbstractResponses, AbstractScaleTarget, AbstractTarget
 from ._variables import Variables
@@ -335,13 +335,13 @@ class Evaluator:
     ) -> tuple[list, list]:
         """Insert the margins and slopes of sampled targets at the indices of these targets; NaN at invalid
         points."""
-        unknown = MarginSlope(np.nan, np.full(points.shape[1], np.nan))
+        unknown = np.nan, np.full(points.shape[1], np.nan)
         nothing = dict.fromkeys(self.sampled_targets.targets, unknown)
         rows = [self.sampled_targets.at(x) if ok else nothing for x, ok in zip(points, is_valid, strict=True)]
         margins, slopes = list(margins), list(slopes)
         for k in self.sampled_targets.targets:
-            margins.insert(k, np.array([[row[k].margin] for row in rows]))
-            slopes.insert(k, np.stack([row[k].slope[None] for row in rows]))
+            margins.insert(k, np.array([[row[k][0]] for row in rows]))
+            slopes.insert(k, np.stack([row[k][1][None] for row in rows]))
         return margins, slopes
 
     def use_accurate(self) -> None:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -106,17 +105,10 @@ class FailureProbability(AbstractTarget):
                 "FailureProbability: margins cannot be traced, because they are sampled; use the target in "
                 "optimise.design, or call margins outside jit and grad"
             )
-        return jnp.asarray([RayTarget(self, podium).at(podium, ()).margin])
+        return jnp.asarray([RayTarget(self, podium).at(podium, ())[0]])
 
     def describe(self) -> str:
         return f"P(failure) ≤ {self.at_most:g}"
-
-
-class MarginAndSlopes(NamedTuple):
-    """A margin, and its derivatives with respect to logarithms of parameters (parameter → derivative)."""
-
-    margin: float
-    slopes: Mapping[str, float]
 
 
 class _IndependentSample(NamedTuple):
@@ -158,17 +150,15 @@ class RayTarget:
     def _limit_state(self, podium: rj.Podium):
         return limit_state("FailureProbability", podium, self.target.motion, self.target.limit)
 
-    def at(self, podium: rj.Podium, names: tuple[str, ...]) -> MarginAndSlopes:
-        """Return the margin of a structure, and its derivatives with respect to the logarithms of the
-        parameters `names`."""
+    def at(self, podium: rj.Podium, names: tuple[str, ...]) -> tuple[float, np.ndarray]:
+        """Return the margin of a structure, and its derivatives (names,) with respect to the logarithms of
+        the parameters `names`."""
         limit = self._limit_state(podium)
         probability = self._target_probability(podium)
         solution = solve_factor(limit, self.rays, probability, names, self.initial_factor)
         self.initial_factor = min(max(solution.factor, 0.1), 10.0)
         self.scenes += limit.scenes
-        return MarginAndSlopes(
-            math.log(solution.factor), dict(zip(names, solution.sensitivities.tolist(), strict=True))
-        )
+        return math.log(solution.factor), solution.sensitivities
 
     def _target_probability(self, podium: rj.Podium) -> float:
         """Return the probability, at most 0.9, that the rays must give with the factor k: `at_most` divided

@@ -33,14 +33,8 @@ class RESULTS(eqx.Enumeration):
 
 
 NAMES = (
-    "converged",
-    "stalled",
-    "infeasible",
-    "out_of_iterations",
-    "not_finite",
-    "interrupted",
-    "averaged",
-    "unverified",
+    *("converged", "stalled", "infeasible", "out_of_iterations", "not_finite", "interrupted"),
+    *("averaged", "unverified"),
 )
 CONVERGED, STALLED, INFEASIBLE, OUT_OF_ITERATIONS, NOT_FINITE, INTERRUPTED, AVERAGED, UNVERIFIED = range(8)
 

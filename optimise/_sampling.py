@@ -7,7 +7,6 @@ A target holds where its margin is ≥ 0. Slopes are derivatives with respect to
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -26,11 +25,8 @@ ZERO_REPLACEMENT = 1e-9  # replaces varied parameters that are 0 and therefore h
 JOINT_LIMITS = ("friction", "unloading", "foundation shear")  # limits on forces in the joints
 
 
-class MarginSlope(NamedTuple):
-    """A margin and its derivatives (n,) with respect to the scaled variables."""
-
-    margin: float
-    slope: Vector
+# A margin, and its derivatives (n,) with respect to the scaled variables.
+MarginSlope = tuple[float, Vector]
 
 
 class _StructureParameters:
@@ -98,10 +94,13 @@ class SampledTargets:
         key = np.asarray(x, float).tobytes()
         if key not in self._cache:
             podium, log_slopes = self._parameters(x)
-            self._cache[key] = {
-                k: self._margin_and_slope(ray_target, podium, log_slopes, np.size(x))
-                for k, ray_target in self._create_ray_targets().items()
-            }
+            margins = {}
+            for k, ray_target in self._create_ray_targets().items():
+                margin, sensitivities = ray_target.at(podium, tuple(log_slopes))
+                # The chain rule over the logarithms of the parameters.
+                terms = (a * b for a, b in zip(sensitivities, log_slopes.values(), strict=True))
+                margins[k] = margin, sum(terms, np.zeros(np.size(x)))
+            self._cache[key] = margins
         return self._cache[key]
 
     def _create_ray_targets(self) -> dict[int, RayTarget]:
@@ -111,16 +110,6 @@ class SampledTargets:
                 assert self._first_podium is not None
                 self._ray_targets[k] = RayTarget(target, self._first_podium)
         return self._ray_targets
-
-    @staticmethod
-    def _margin_and_slope(
-        ray_target: RayTarget, podium: rj.Podium, log_slopes: dict[str, Vector], n: int
-    ) -> MarginSlope:
-        """Return the margin and its slope (n,), by the chain rule over the logarithms of the parameters.
-        `log_slopes` are d ln y/dx (n,) of every parameter y that depends on x."""
-        at_podium = ray_target.at(podium, tuple(log_slopes))
-        terms = (at_podium.slopes[name] * log_slope for name, log_slope in log_slopes.items())
-        return MarginSlope(at_podium.margin, sum(terms, np.zeros(n)))
 
     def check(self, x: Vector) -> tuple[bool, bool]:
         """Take an independent sample at x (n,) for each target that has no sample there. Returns whether a

@@ -43,15 +43,12 @@ class Lognormal(NamedTuple):
         return ndtr(z)
 
 
-def fit_capacities(
-    capacity: Float[Array, " n"], limit: Float[Array, " n"], weights: Float[Array, " n"] | None = None
-) -> Lognormal:
+def fit_capacities(capacity: Float[Array, " n"], limit: Float[Array, " n"]) -> Lognormal:
     """Fit a lognormal distribution to capacities. Some capacities may be censored, which means that only
     a lower bound is known.
 
     - `capacity`: capacities > 0, shape (n,); inf for a censored capacity
     - `limit`: lower bounds of the censored capacities, shape (n,); other elements are ignored
-    - `weights`: weight of each capacity, shape (n,); None for equal weights
 
     Without censored capacities, ln(median) is the mean of the logarithms of the capacities, and the
     dispersion is their standard deviation with the divisor n. The result is NaN if fewer than two capacities
@@ -59,22 +56,20 @@ def fit_capacities(
     if the search fails. The function works under `jit`, `vmap` and `grad` with respect to `capacity`.
     """
     is_observed = jnp.isfinite(capacity)
-    weight = jnp.ones_like(capacity) if weights is None else weights
     log = jnp.log(jnp.where(is_observed, capacity, limit))
-    _, spread = _moments(log, jnp.where(is_observed, weight, 0.0))
+    _, spread = _moments(log, jnp.where(is_observed, 1.0, 0.0))
     has_fit = spread > MIN_DISPERSION
     # The fit uses (ln x − centre)/scale. `centre` and `scale` are the mean and the standard deviation of ln x
     # with each censored capacity at its bound. The scale of the data then has no effect on the search.
-    centre, scale = jax.lax.stop_gradient(_moments(log, weight))
+    centre, scale = jax.lax.stop_gradient(_moments(log, jnp.ones_like(log)))
     scale = jnp.where(has_fit, scale, 1.0)
 
-    def loss(y, data):  # y = (mean, ln of the standard deviation) of (ln x − centre)/scale
-        log, weight = data
+    def loss(y, log):  # y = (mean, ln of the standard deviation) of (ln x − centre)/scale
         z = ((log - centre) / scale - y[0]) / jnp.exp(y[1])
         likelihood = jnp.where(is_observed, norm.logpdf(z) - y[1], norm.logsf(z))
-        return -jnp.sum(weight * likelihood) / jnp.sum(weight)
+        return -jnp.mean(likelihood)
 
-    y, converged = _minimise(loss, jnp.zeros(2), (log, weight), has_fit)
+    y, converged = _minimise(loss, jnp.zeros(2), log, has_fit)
     return _lognormal_where(converged, jnp.exp(centre + scale * y[0]), scale * jnp.exp(y[1]))
 
 

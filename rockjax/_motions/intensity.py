@@ -119,18 +119,23 @@ def measure_motion(
 SA_LABEL = re.compile(r"Sa\((?P<period>[0-9.eE+-]+) s\)")
 
 
+def period_of(owner: str, label: str) -> float | None:
+    """Return the period of a label such as `"Sa(0.5 s)"` [s]; None for `"PGA"` and `"PGV"`. Raises
+    `ValueError` for other labels."""
+    match = SA_LABEL.fullmatch(label)
+    if match is None and label not in ("PGA", "PGV"):
+        raise ValueError(
+            f"{owner}: intensity measure must be PGA, PGV or a label such as 'Sa(0.5 s)', got {label!r}"
+        )
+    return None if match is None else float(match["period"])
+
+
 def measure_by_label(owner: str, motion: Accelerogram, label: str) -> float:
     """Return the value of an intensity measure in SI units, by its label in hazard and fragility curves:
     `"PGA"`, `"PGV"`, or a label such as `"Sa(0.5 s)"`; Sa has 5 % damping. Raises `ValueError` for other
     labels."""
-    match = SA_LABEL.fullmatch(label)
-    if match:
-        return measure_motion(owner, motion, "Sa", float(match["period"]), 0.05)[0]
-    if label not in ("PGA", "PGV"):
-        raise ValueError(
-            f"{owner}: measure must be 'PGA', 'PGV' or a label such as 'Sa(0.5 s)', got {label!r}"
-        )
-    return measure_motion(owner, motion, label, None, 0.05)[0]
+    period = period_of(owner, label)
+    return measure_motion(owner, motion, label if period is None else "Sa", period, 0.05)[0]
 
 
 def intensity_measures(

@@ -125,10 +125,8 @@ def annual_frequency(curve: Lognormal | xarray.Dataset, hazard: Hazard) -> Annua
             hazard,
             read_limits(curve),
         )
-        return dataclasses.replace(
-            answer,
-            sensitivities=dict(answer.sensitivities) | _structure_sensitivities(curve, answer.sensitivities),
-        )
+        slopes = dict(answer.sensitivities)
+        return dataclasses.replace(answer, sensitivities=slopes | _structure_sensitivities(curve, slopes))
     return _frequency_of_analysis(owner, curve, hazard)
 
 
@@ -289,25 +287,21 @@ def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -
     fragility = _limited_probability(curve, x, limits, float(hazard.intensity[0]))
     slope = np.asarray(integral.segment_slopes(log_x, log_rate))[segment]
     density = fragility * slope * rate / float(answer.frequency)
-    axis_attrs = {"units": hazard.units, "long_name": hazard.measure}
+
+    def variable(dim: str, values, unit: str, long_name: str):
+        return dim, np.asarray(values), {"units": unit, "long_name": long_name}
+
+    given = variable("point", hazard.annual_rate, "year-1", "rates at the points of the hazard curve")
     return xarray.Dataset(
         {
-            "density": (
-                "intensity",
-                density,
-                {"units": "1", "long_name": "share of λ_f per unit of ln(intensity)"},
-            ),
-            "hazard": ("intensity", rate, {"units": "year-1", "long_name": "mean annual rate of exceedance"}),
-            "given": (
-                "point",
-                np.asarray(hazard.annual_rate),
-                {"units": "year-1", "long_name": "rates at the points of the hazard curve"},
-            ),
-            "fragility": ("intensity", fragility, {"units": "1", "long_name": "probability of overturning"}),
+            "density": variable("intensity", density, "1", "share of λ_f per unit of ln(intensity)"),
+            "hazard": variable("intensity", rate, "year-1", "mean annual rate of exceedance"),
+            "given": given,
+            "fragility": variable("intensity", fragility, "1", "probability of overturning"),
         },
         coords={
-            "intensity": ("intensity", x, axis_attrs),
-            "point": ("point", np.asarray(hazard.intensity), axis_attrs),
+            "intensity": variable("intensity", x, hazard.units, hazard.measure),
+            "point": variable("point", hazard.intensity, hazard.units, hazard.measure),
         },
         attrs={
             "title": "Risk",

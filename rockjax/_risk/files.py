@@ -19,6 +19,7 @@ import numpy as np
 from rockjax._checks import as_strings, require_positive
 from rockjax._files import write_atomically
 from rockjax._motions.headings import Heading, parse_heading
+from rockjax._motions.intensity import period_of
 from rockjax._text.reading import read_text
 from rockjax._units import INTENSITY_UNITS, STANDARD_GRAVITY, UNITS, in_si, unit_of, unit_of_measure
 
@@ -278,16 +279,9 @@ def _measure(path: str | Path, imt: str) -> tuple[str, str]:
 
 def _imt(measure: str) -> tuple[str, float]:
     """Return OpenQuake's name of a measure, and the factor that converts OpenQuake's unit to SI."""
-    if measure == "PGA":
-        return "PGA", STANDARD_GRAVITY
-    if measure == "PGV":
-        return "PGV", UNITS["cm/s"].factor
-    period = re.fullmatch(r"Sa\(([0-9.eE+-]+) s\)", measure)
-    if period is None:
-        raise ValueError(
-            f"write_fragility_model: intensity measure must be PGA, PGV or Sa(T s), got {measure!r}"
-        )
-    return f"SA({float(period[1]):g})", STANDARD_GRAVITY
+    period = period_of("write_fragility_model", measure)
+    name = measure if period is None else f"SA({period:g})"
+    return name, UNITS["cm/s"].factor if measure == "PGV" else STANDARD_GRAVITY
 
 
 def si_factor(owner: str, measure: str, units: str) -> float:

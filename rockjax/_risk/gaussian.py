@@ -28,7 +28,7 @@ import numpy as np
 from jax.scipy.stats import norm
 from jaxtyping import Array, Float
 
-from rockjax._checks import as_float, require, require_finite, require_positive
+from rockjax._checks import as_float, require, require_finite, require_positive, require_whole
 from rockjax._excitations.wavelets import MavroeidisPapageorgiou
 from rockjax._lognormal import Lognormal
 from rockjax._motions.convert import as_motions
@@ -157,8 +157,7 @@ class GaussianMotion(Module):
     filters: tuple[Filter, ...] = eqx.field(default=(), converter=_as_tuple)
 
     def __check_init__(self):
-        if isinstance(self.n, bool) or not isinstance(self.n, int | np.integer) or self.n < 2:
-            raise ValueError(f"GaussianMotion: n must be a whole number >= 2, got n = {self.n!r}")
+        require_whole("GaussianMotion", "n", self.n, 2)
         parameters = {
             name: getattr(self, name) for name in ("dt", "S_0", "omega_g", "zeta_g", "omega_f", "zeta_f")
         }
@@ -273,8 +272,7 @@ class GaussianMotion(Module):
         such motions Sa is exact. Raises `ValueError` for arguments outside their ranges.
         """
         owner = "GaussianMotion.response_spectrum"
-        if isinstance(count, bool) or not isinstance(count, int) or count < 2:
-            raise ValueError(f"{owner}: count must be a whole number >= 2, got {count!r}")
+        require_whole(owner, "count", count, 2)
         import xarray
 
         records = Records.of([self.record(u) for u in np.asarray(self.samples(count, seed=seed))])
@@ -298,8 +296,7 @@ class GaussianMotion(Module):
 
     def samples(self, count: int, *, seed: int) -> Float[Array, "count d"]:
         """Return standard normal u, shape (count, dimension); equal seeds give equal samples."""
-        if not isinstance(count, int) or count < 1:
-            raise ValueError(f"GaussianMotion.samples: count must be a whole number >= 1, got {count!r}")
+        require_whole("GaussianMotion.samples", "count", count, 1)
         return as_float(np.random.default_rng(seed).standard_normal((count, self.dimension)))
 
 

@@ -127,21 +127,11 @@ class Hazard(Module):
         """Return the points as a dataset."""
         import xarray
 
+        rate_attrs = {"units": "year-1", "long_name": "mean annual rate of exceedance"}
+        axis_attrs = {"units": self.units, "long_name": self.measure}
         return xarray.Dataset(
-            {
-                "annual_rate": (
-                    "intensity",
-                    np.asarray(self.annual_rate),
-                    {"units": "year-1", "long_name": "mean annual rate of exceedance"},
-                )
-            },
-            coords={
-                "intensity": (
-                    "intensity",
-                    np.asarray(self.intensity),
-                    {"units": self.units, "long_name": self.measure},
-                )
-            },
+            {"annual_rate": ("intensity", np.asarray(self.annual_rate), rate_attrs)},
+            coords={"intensity": ("intensity", np.asarray(self.intensity), axis_attrs)},
             attrs={"title": "Hazard curve", "kind": "hazard", "measure": self.measure},
         )
 

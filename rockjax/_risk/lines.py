@@ -88,7 +88,6 @@ def find_crossings(
     origin: np.ndarray,
     direction: np.ndarray,
     positions: Sequence[np.ndarray],
-    division: Division = Division(),
 ) -> LineCrossings:
     """Return the crossings of the lines origin + c·direction, shape (m, d) each, with the surface of failure.
     For each line, `positions` contains an array of the values of c at which the line is evaluated,
@@ -98,7 +97,7 @@ def find_crossings(
     value = limit.values(origin[line] + c[:, None] * direction[line])
     ends = np.cumsum(sizes)
     first, last = value[ends - sizes] <= 0, value[ends - 1] <= 0
-    return LineCrossings(*narrow_crossings(limit, origin, direction, line, c, value, division), first, last)
+    return LineCrossings(*narrow_crossings(limit, origin, direction, line, c, value), first, last)
 
 
 def narrow_crossings(

@@ -5,11 +5,11 @@ from __future__ import annotations
 import csv
 import itertools
 import math
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rockjax._files import write_atomically
+from rockjax._motions.intensity import period_of
 
 from .files import si_factor
 
@@ -67,10 +67,7 @@ def _limit_state(median: float, dispersion: float) -> tuple[str, str, str]:
 
 def _demand_type(owner: str, measure: str) -> str:
     """Return pelicun's demand type of an intensity measure."""
-    simple = {"PGA": "Peak Ground Acceleration", "PGV": "Peak Ground Velocity"}
-    if measure in simple:
-        return simple[measure]
-    period = re.fullmatch(r"Sa\(([0-9.eE+-]+) s\)", measure)
-    if period is None:
-        raise ValueError(f"{owner}: intensity measure must be PGA, PGV or Sa(T s), got {measure!r}")
-    return f"Spectral Acceleration|{float(period[1])!r}"
+    period = period_of(owner, measure)
+    if period is not None:
+        return f"Spectral Acceleration|{period!r}"
+    return {"PGA": "Peak Ground Acceleration", "PGV": "Peak Ground Velocity"}[measure]

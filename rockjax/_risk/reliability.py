@@ -18,7 +18,7 @@ import jax
 import numpy as np
 import scipy
 
-from rockjax._checks import as_float
+from rockjax._checks import as_float, require_whole
 from rockjax._progress import bar
 from rockjax._results import Interrupted
 
@@ -119,22 +119,13 @@ def reliability(
     check_arguments("reliability", method, cov, seed, starts, max_scenes)
     if not callable(G):
         raise ValueError(f"reliability: G must be a function of u, got {G!r}")
-    if isinstance(dimension, bool) or not isinstance(dimension, int | np.integer) or dimension < 1:
-        raise ValueError(f"reliability: dimension must be a whole number >= 1, got {dimension!r}")
+    dimension = require_whole("reliability", "dimension", dimension, 1)
     value = jax.eval_shape(G, as_float(np.zeros(dimension)))
     if getattr(value, "shape", None) != ():
         raise ValueError(f"reliability: G must return a scalar for u of shape ({dimension},), got {value}")
-    limit = FunctionLimitState(G, int(dimension))
-    return estimate_probability(
-        "reliability",
-        limit,
-        starting_directions(limit, starts, seed),
-        method,
-        cov,
-        seed,
-        max_scenes,
-        progress,
-    )
+    limit = FunctionLimitState(G, dimension)
+    directions = starting_directions(limit, starts, seed)
+    return estimate_probability("reliability", limit, directions, method, cov, seed, max_scenes, progress)
 
 
 def starting_directions(limit: AbstractLimitState, starts: int, seed: int) -> np.ndarray:
@@ -163,8 +154,7 @@ def check_arguments(owner: str, method: str, cov: float, seed: int, starts: int,
     if not (isinstance(cov, Real) and 0 < cov < 1):
         raise ValueError(f"{owner}: cov must be in (0, 1), got {cov!r}")
     for name, value, least in (("seed", seed, 0), ("starts", starts, 1), ("max_scenes", max_scenes, 100)):
-        if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-            raise ValueError(f"{owner}: {name} must be a whole number >= {least}, got {value!r}")
+        require_whole(owner, name, value, least)
 
 
 def find_design_points(owner: str, limit: AbstractLimitState, directions: np.ndarray) -> DesignPoints:

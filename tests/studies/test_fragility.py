@@ -180,15 +180,6 @@ def test_fits_exist_however_many_capacities_are_censored(observed, censored, dis
         np.testing.assert_allclose([slope.mean(), (slope * z - is_observed).mean()], 0, atol=1e-7)
 
 
-def test_weights_are_repeated_data():
-    capacity = jnp.array([0.5, 0.7, 0.9, jnp.inf, jnp.inf])
-    weights = np.array([2, 0, 1, 1, 1])
-    again = fit_capacities(jnp.repeat(capacity, weights, total_repeat_length=5), jnp.ones(5))
-    np.testing.assert_allclose(
-        fit_capacities(capacity, jnp.ones(5), jnp.asarray(weights, float)), again, rtol=1e-9
-    )
-
-
 def test_derivatives_of_a_fit():
     capacity = jnp.array([0.5, 0.62, 0.9, 0.75, jnp.inf, jnp.inf])
     limit = jnp.ones(6)
