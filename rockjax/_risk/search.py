@@ -96,42 +96,33 @@ def _bracket_failure(limit: AbstractLimitState, directions: np.ndarray, radii: n
 def _narrow(limit: AbstractLimitState, directions: np.ndarray, bracket: _Bracket) -> np.ndarray:
     """Narrow brackets, and return the distances at which rays fail, shape (m,); inf if there is no
     failure."""
-    low, high, G_low, G_high = (y.copy() for y in bracket)
-    failing = np.flatnonzero(np.isfinite(high))
-    for _ in range(NARROWING_ROUNDS):
-        if failing.size == 0:
-            break
+    failing = np.flatnonzero(np.isfinite(bracket.high))
+    directions, narrow = directions[failing], bracket.select(failing)
+    for _ in range(NARROWING_ROUNDS if failing.size else 0):
         # Evenly spaced positions narrow every bracket. If G is smooth, positions close to the root of the
         # straight line through G at both ends narrow the bracket further.
-        wide = _Bracket(low, high, G_low, G_high).select(failing)
-        width = wide.high - wide.low
+        wide, width = narrow, narrow.high - narrow.low
         root = (wide.root() - wide.low) / np.where(width > 0, width, 1.0)
         even = np.tile(np.arange(1, PARTS) / PARTS, (failing.size, 1))
         close = np.clip(root[:, None] + np.array([-1e-2, -1e-4, 1e-4, 1e-2]), 0, 1)
         fractions = np.sort(np.concatenate([even, close], axis=1), axis=1)
-        narrower = _bracket_failure(
-            limit, directions[failing], wide.low[:, None] + width[:, None] * fractions
+        positions = wide.low[:, None] + width[:, None] * fractions
+        inside = _bracket_failure(limit, directions, positions)
+        fails, survives = np.isfinite(inside.high), inside.low > 0
+        narrow = _Bracket(
+            np.where(fails, np.where(survives, inside.low, wide.low), positions[:, -1]),
+            np.where(fails, inside.high, wide.high),
+            np.where(fails & survives, inside.G_low, wide.G_low),
+            np.where(fails, inside.G_high, wide.G_high),
         )
-        fails_inside = np.isfinite(narrower.high)
-        survives_inside = narrower.low > 0
-        low[failing] = np.where(
-            fails_inside,
-            np.where(survives_inside, narrower.low, wide.low),
-            wide.low + width * fractions[:, -1],
-        )
-        G_low[failing] = np.where(fails_inside & survives_inside, narrower.G_low, wide.G_low)
-        high[failing] = np.where(fails_inside, narrower.high, wide.high)
-        G_high[failing] = np.where(fails_inside, narrower.G_high, wide.G_high)
-    return high
+    distance = bracket.high.copy()
+    distance[failing] = narrow.high
+    return distance
 
 
-def distances(
-    limit: AbstractLimitState, directions: np.ndarray, max_distance: float = MAX_BETA
-) -> np.ndarray:
-    """Return the least distance at which each ray fails, shape (m,); inf for no failure up to `max_distance`.
-
-    - `directions`: unit vectors of the rays, shape (m, d)
-    """
+def distances(limit: AbstractLimitState, directions: np.ndarray, max_distance: float) -> np.ndarray:
+    """Return the least distance at which each ray, given by a unit vector, fails, shape (m,); inf for no
+    failure up to `max_distance`."""
     radii = np.tile(np.linspace(0, max_distance, RAY_POSITIONS + 1)[1:], (len(directions), 1))
     return _narrow(limit, directions, _bracket_failure(limit, directions, radii))
 
@@ -142,21 +133,15 @@ def _unit(u: np.ndarray) -> np.ndarray:
     return u / np.where(length > 0, length, 1.0)
 
 
-def design_points(
-    limit: AbstractLimitState, starts: np.ndarray, max_distance: float = MAX_BETA
-) -> DesignPoints:
-    """Return local minima of |u| on the surface of failure.
-
-    - `limit`: limit state; it must survive at u = 0
-    - `starts`: starting directions, shape (s, d). If the limit state is mirrored, G(−u) = G(u), only the
-      first half is used
-    - `max_distance`: largest distance of a design point from the origin
-    """
+def design_points(limit: AbstractLimitState, starts: np.ndarray) -> DesignPoints:
+    """Return local minima of |u| ≤ `MAX_BETA` on the surface of failure of a limit state that survives at
+    u = 0. If the limit state is mirrored, G(−u) = G(u), only the first half of the starting directions,
+    shape (s, d), is used."""
     if limit.mirrored:  # if u is a design point, −u is one too
         starts = starts[: (len(starts) + 1) // 2]
     e = _unit(np.asarray(starts, float))
     # In high dimensions a random direction fails only far beyond the distance of a design point.
-    ray_length = max(max_distance, START_FACTOR * np.sqrt(limit.dimension))
+    ray_length = max(MAX_BETA, START_FACTOR * np.sqrt(limit.dimension))
     r = distances(limit, e, ray_length)
     # If a ray does not fail, its direction is replaced by the steepest descent of G at a point of the ray
     # near the origin.
@@ -168,7 +153,7 @@ def design_points(
     fails = np.isfinite(r)
     e, r = e[fails], r[fails]
     normal, aligned = _descend(limit, e, r)
-    is_near = r <= max_distance
+    is_near = r <= MAX_BETA
     e, r, normal, aligned = e[is_near], r[is_near], normal[is_near], aligned[is_near]
     points = _keep_distinct(e, r, normal, aligned)
     if not limit.mirrored:
