@@ -30,8 +30,9 @@ class PaperRestitution(Module):
         - `gamma`, `eta`: mass that moves with the beam, and vibrating mass, divided by N m_c [–]
         - `mu`: sum μ of the inertances of a column, divided by m_c [–]; None without inerters
         """
-        mu = 0.0 if mu is None else mu
-        return 1 - sin2 * (2 * gamma + 2 * eta + 0.5 + 2 * mu) / (0.25 * (1 + lam) + gamma + eta + mu * sin2)
+        inertance = 0.0 if mu is None else mu
+        masses = 2 * gamma + 2 * eta + 0.5 + 2 * inertance
+        return 1 - sin2 * masses / (0.25 * (1 + lam) + gamma + eta + inertance * sin2)
 
     def __repr__(self):
         return "'paper'"
@@ -51,9 +52,9 @@ class CompatibleRestitution(Module):
 
         - `sin2`, `gamma`, `eta`, `lam`, `mu`: as for `PaperRestitution.factor`
         """
-        mu = 0.0 if mu is None else mu
-        masses = 1 + 4 * gamma + 4 * eta + 4 * mu
-        return 1 - 2 * sin2 * masses / (1 + lam + 4 * gamma + 4 * (eta + mu) * sin2)
+        inertance = 0.0 if mu is None else mu
+        masses = 1 + 4 * gamma + 4 * eta + 4 * inertance
+        return 1 - 2 * sin2 * masses / (1 + lam + 4 * gamma + 4 * (eta + inertance) * sin2)
 
     def __repr__(self):
         return "'compatible'"
