@@ -7,8 +7,7 @@ PGA/(g tan α) = 1.2 … 6. It prints the tables of docs/practice.md and writes 
 `python -m benchmarks.practice elastic [N]` compares (P1) and (P2) with the exact uplift of N elastic
 buildings (10⁴ by default), and writes benchmarks/results/practice-elastic.json.
 `python -m benchmarks.practice circolare [MOTIONS]` repeats only the rows of (P7) that state the ratio of PGA
-or the rotation of the method, at four ratios under all motions (or some of them), and replaces these rows of
-practice.json.
+or the rotation of the method, under all motions (or some of them), and replaces these rows of practice.json.
 
 All blocks of one α share the response spectra of a motion: the periods of the methods (P3) to (P5) are
 inversely proportional to p, and p and the periods form geometric sequences. All spectral values are therefore
@@ -45,7 +44,6 @@ SHORTEST, LONGEST = 2.0, 8.0  # range of 2π/p [s]
 STEPS = {"(P3)": 9, "(P4)": 9, "(P5)": 15, "(P7)": 9}  # steps of a scan between two values of p
 Q = 2.0  # behaviour factor of (P7)
 RATIOS = np.union1d(np.geomspace(1.2, 6.0, 28), Q)  # PGA/(g tan α)
-FEW_RATIOS = np.array([1.2, Q, 3.4, 6.0])
 LEAST_STEPS = 1000  # smallest number of steps of a scan
 FULL = 287  # number of motions of 10⁶ scenes
 LEAST_ROTATION = 0.01  # θ/α above which rotations are compared
@@ -292,15 +290,15 @@ def exact_rotations(families: list[Slenderness], suite: rj.Motions, ratios: np.n
 
 
 def circolare(count: int = FULL) -> None:
-    """Repeat only the rows of `circolare_rows`, at few ratios of PGA.
+    """Repeat only the rows of `circolare_rows`.
 
     - `count`: number of motions, evenly spaced in the motions of the survey
     """
     start = time.process_time()
     suite = motions(FULL)[:: max(1, FULL // count)]
     families = [Slenderness(alpha) for alpha in SLENDERNESS]
-    exact = exact_rotations(families, suite, FEW_RATIOS)
-    rows = circolare_rows(displacements(families, suite, FEW_RATIOS), exact, FEW_RATIOS)
+    exact = exact_rotations(families, suite, RATIOS)
+    rows = circolare_rows(displacements(families, suite, RATIOS), exact, RATIOS)
     _describe(rows, exact, start)
     names = {row["method"] for row in rows}
     others = [row for row in stored_rows("practice") if row["method"] not in names]

@@ -22,7 +22,7 @@ class CircolareForce(AbstractMethod):
     conservative = "no"
     reliability = (
         "Unsafe for motions with long periods, which PGA does not reflect. In a survey of rigid blocks "
-        "(November 2026) 31 % of the scenes at PGA = 1.93 g tan α exceeded 0.4 α, and 16 % overturned."
+        "(November 2026) 35 % of the scenes at PGA = 2 g tan α exceeded 0.4 α, and 19 % overturned."
     )
 
     def outcome(self, case: Case) -> Outcome:

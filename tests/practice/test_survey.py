@@ -1,4 +1,5 @@
-"""Numbers of the survey in docs/practice.md and in the texts of results agree with the stored results."""
+"""Numbers of the surveys in docs/practice.md and in the texts of results, and the time of an ensemble in
+docs/performance.md, agree with the stored results."""
 
 import json
 from pathlib import Path
@@ -10,8 +11,9 @@ from rockjax._practice.registry import METHODS
 ROOT = Path(__file__).parents[2]
 TABLE = json.loads((ROOT / "benchmarks/results/practice.json").read_text(encoding="utf-8"))
 ROWS = {row["method"]: row for row in TABLE["rows"]}
+ELASTIC = json.loads((ROOT / "benchmarks/results/practice-elastic.json").read_text(encoding="utf-8"))["rows"]
 PAGE = (ROOT / "docs/practice.md").read_text(encoding="utf-8")
-AT_LIMIT = "(P7) q = 2, PGA = 1.93 g tan α"
+AT_LIMIT = "(P7) q = 2, PGA = 2.00 g tan α"
 
 
 def cells(start: str) -> list[str]:
@@ -46,6 +48,46 @@ def test_acceptance_of_the_page(method, start):
     assert cells(start) == found
 
 
+def test_rotations_of_the_circolare_on_the_page():
+    row, limit = ROWS["(P7) rotation"], ROWS[AT_LIMIT]
+    assert row["date"] == limit["date"]
+    words = " ".join(PAGE.split())
+    quantiles = f"{row['5 %']:.2f}, {row['50 %']:.2f} and {row['95 %']:.1f}"
+    assert f"has the fractiles {quantiles}" in words
+    scenes = f"{row['scenes']:,}".replace(",", " ")
+    assert f"measured on {row['date']} in {scenes} scenes under {row['motions']} motions" in words
+
+
+@pytest.mark.parametrize("row", ELASTIC, ids=lambda row: row["method"])
+def test_uplift_of_elastic_buildings_on_the_page(row):
+    columns = ("least", "5 %", "50 %", "95 %", "largest")
+    start = row["method"] + (" |" if row["method"] == "(P2)" else "")
+    found = [share(row["unsafe"]).replace("0.00 %", "0 %"), *(f"{row[column]:.2f}" for column in columns)]
+    assert uplift_cells(start) == found
+    buildings = f"{row['buildings']:,}".replace(",", " ")
+    assert (
+        f"Measured on {row['date']} for {buildings} buildings under {row['motions']} of the motions" in PAGE
+    )
+
+
+def test_sentences_on_elastic_buildings():
+    static, bound, srss = ELASTIC
+    buildings = f"{static['buildings']:,} elastic buildings".replace(",", " ")
+    texts = [METHODS[name].reliability for name in ("static", "spectral_uplift")]
+    assert all(buildings in text for text in texts)
+    assert f"{100 * static['unsafe']:.0f} % lifted" in texts[0]
+    assert f"{static['50 %']:.2f} times" in texts[0]
+    assert f"{bound['least']:.2f} to {bound['largest']:.2f} times" in texts[1]
+    assert f"{srss['least']:.2f} to {srss['largest']:.2f}." in texts[1]
+
+
+def uplift_cells(start: str) -> list[str]:
+    """Return the cells, except the first, of a row of the table of elastic buildings."""
+    table = PAGE[PAGE.index("| least PGA of uplift") :]
+    (line,) = [line for line in table.splitlines() if line.startswith(f"| {start}")]
+    return [cell.strip() for cell in line.strip("| ").split("|")][1:]
+
+
 def test_the_page_names_the_survey():
     row = ROWS["(P3)"]
     scenes = f"{row['scenes']:,}".replace(",", " ")
@@ -69,3 +111,15 @@ def test_sentences_of_the_results(name, row, columns):
         value = ROWS[row][column]
         words = f"{100 * value:.0f} %" if value > 0.1 else share(value)
         assert words in METHODS[name].reliability
+
+
+def test_time_of_the_ensemble_on_the_page_of_performance():
+    table = json.loads((ROOT / "benchmarks/results/ensemble.json").read_text(encoding="utf-8"))
+    rotation, peaks = table["rows"]
+    words = " ".join((ROOT / "docs/performance.md").read_text(encoding="utf-8").split())
+    assert rotation["scenes"] == peaks["scenes"] == 10_000
+    assert f"{rotation['cpu']} (model 1) with a load average of {rotation['load']:.0f}" in words
+    seconds = (
+        f"{rotation['seconds']:.1f} s for the rotation alone and {peaks['seconds']:.0f} s for three peaks"
+    )
+    assert f"{seconds} with estimated errors ({rotation['date']})" in words
