@@ -139,7 +139,9 @@ def scan(
       interval may open are refined, and `Scan.dip` is approximate
 
     Changes are enclosed in brackets of a relative width of 1e-12 or, if this is larger, of a tenth of
-    `options.rtol`. Raises `RuntimeError` if there is a line on which no scene finishes.
+    `options.rtol`. The first change of a line (`first_only`) does not depend on the other lines of the scan,
+    not even by rounding, unless the scan misses a window. Raises `RuntimeError` if there is a line on which
+    no scene finishes.
     """
     x = np.asarray(x, float)
     batches: list[SolvedScenes] = []  # all solved scenes
@@ -188,11 +190,17 @@ def scan(
         )
         tolerance = max(BRACKET_TOLERANCE, BRACKET_RTOL_SHARE * float(options.rtol))
         brackets = narrow_brackets(brackets, evaluate, tolerance, LANES * min(2, workers()))
-        crossings = Crossings(line, 0.5 * (brackets.a + brackets.b), overturns, brackets.output_at_b)
+        position = 0.5 * (brackets.a + brackets.b)
+        if first_only:
+            position = _on_grid(position, overturns, tolerance, evaluate)
+        crossings = Crossings(line, position, overturns, brackets.output_at_b)
     gaps = widest_gaps(solved, spacing, y_range[1])
-    every = SolvedScenes(*map(np.concatenate, zip(*batches, strict=True)))
+    # `solved` has the accurate solutions of scenes that were solved twice.
+    final = [solved, *(batch for batch in batches if batch.accurate.all())]
+    every = SolvedScenes(*map(np.concatenate, zip(*final, strict=True)))
     ends = unfinished_range(every, x.size, y_range[0])
-    return Scan(crossings, lower_end_survives, least_dip(finished), gaps, every.y.size, *ends)
+    count = sum(batch.y.size for batch in batches)
+    return Scan(crossings, lower_end_survives, least_dip(finished), gaps, count, *ends)
 
 
 def margins(
@@ -240,6 +248,36 @@ def margins(
         np.array(np.broadcast_to(y, x.shape)) for y in (value, impacts, edge_distance)
     )
     return value, impacts, edge_distance
+
+
+def _on_grid(
+    y: np.ndarray,
+    overturns: np.ndarray,
+    tolerance: float,
+    evaluate: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]],
+) -> np.ndarray:
+    """Return the positions of changes as centres of intervals of a grid, (n,).
+
+    Narrowed brackets depend on the number of brackets that are narrowed together. The intervals do not,
+    because the points of the grid depend on the magnitude of y and on the tolerance only.
+
+    - `y`: positions of the changes, (n,), with a relative error of at most half the tolerance
+    - `overturns`: `Crossings.overturns`, (n,); `tolerance`: relative length of the intervals
+    - `evaluate`: (indices of changes, y) ↦ (margins, numbers of impacts); the last two have the shape of y
+    """
+    is_used = np.flatnonzero(y)
+    if is_used.size == 0:
+        return y
+    length = np.exp2(np.floor(np.log2(tolerance * np.abs(y[is_used]))))
+    index = np.floor(y[is_used] / length)[:, None] + np.arange(-2, 4)
+    margin, _ = evaluate(is_used, index * length[:, None])
+    is_above = (margin <= 0) == overturns[is_used, None]  # whether a point has the outcome above the change
+    is_above &= ~np.isnan(margin)
+    first = np.argmax(is_above, axis=1)
+    centre = (index[np.arange(first.size), first] - 0.5) * length
+    found = y.copy()
+    found[is_used] = np.where(first > 0, centre, y[is_used])  # 0: no change between the points
+    return found
 
 
 def _has_edge_distances(plane: Plane, x: np.ndarray, max_y: float, options: Options) -> bool:

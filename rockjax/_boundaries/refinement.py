@@ -112,7 +112,8 @@ def resolve_windows(
     - `spacing`: result of `spacing_for`; inf to omit the search for windows
     - `first_only`: True to confirm only the first change of each line, False to confirm all
 
-    Returns all scenes. Scenes at changes, and scenes with a small margin, are solved at full accuracy.
+    Returns all scenes. Scenes at changes, scenes with a small margin, and scenes that do not finish below the
+    first change are solved at full accuracy.
     """
     while True:
         line, y = _next_points(solved, spacing)
@@ -206,13 +207,15 @@ def _next_points(solved: SolvedScenes, spacing: float) -> tuple[np.ndarray, np.n
 
 
 def _unconfirmed(solved: SolvedScenes, first_only: bool) -> np.ndarray:
-    """Return the indices of the scenes on both sides of a change and of the scenes with a small margin, as
-    far as they are not yet solved at full accuracy."""
+    """Return the indices of the scenes on both sides of a change and, below the first change of each line, of
+    the scenes that have a small margin or did not finish, as far as they are not yet solved at full
+    accuracy."""
     changes = solved.changes(first_only)
-    grazing = [
-        below.start + np.flatnonzero(solved.margin[below] < GRAZING) for below in solved.below_first_change()
+    doubtful = [
+        below.start + np.flatnonzero(~(solved.margin[below] >= GRAZING))
+        for below in solved.below_first_change()
     ]
-    indices = np.union1d(np.union1d(changes, changes + 1), np.concatenate(grazing)).astype(int)
+    indices = np.union1d(np.union1d(changes, changes + 1), np.concatenate(doubtful)).astype(int)
     return indices[~solved.accurate[indices]]
 
 

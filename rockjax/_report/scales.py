@@ -170,15 +170,19 @@ def _overturning(scenes: Scenes, motions: MotionSet, law: str | None) -> xarray.
         scenes.store.raise_if_stopped()
         return scaled(motion, factor)
 
-    found = scan(plane, np.arange(len(motions)), (0.0, MAX_SCALE), ROW_SIZE, options, first_only=True)
+    # As in `overturning_boundary`, the search is over fractions of the largest factor, so that the factors
+    # are those of `overturning_scale` bit for bit.
+    search = lambda motion, fraction: plane(motion, fraction * MAX_SCALE)
+    found = scan(search, np.arange(len(motions)), (0.0, 1.0), ROW_SIZE, options, first_only=True)
     factors, _ = found.crossings.first(len(motions))
+    factors, finished_to = factors * MAX_SCALE, found.finished_to * MAX_SCALE
     # Boundaries are narrowed to rounding, so the errors of the scenes alone determine the error of a factor.
     error = np.where(np.isfinite(factors), factors * BOUNDARY_ERROR, np.nan)
     variables = {
         "factor": factors,
         "error": error,
-        "end": np.minimum(MAX_SCALE, found.finished_to),
-        "is_open": np.isfinite(factors) & (found.finished_to < JUST_BELOW * factors),
+        "end": np.minimum(MAX_SCALE, finished_to),
+        "is_open": np.isfinite(factors) & (finished_to < JUST_BELOW * factors),
     }
     if law is None:
         names = "survives_from", "overturns_again_from", "window_end"
@@ -252,7 +256,7 @@ def least_factor_slopes(scenes: Scenes, event: str, name: str, motion: int) -> S
     problem, excitation = scenes.problem, scenes.motion_set(name).excitations[motion]
     factor = float(least_factors(scenes, name, event)["factor"][motion])
     if event == "overturning":
-        return lambda: (factor, _overturning_slopes(problem, excitation, factor))
+        return lambda: (factor, overturning_slopes(problem, excitation, factor))
     scale = 0.9 * factor
 
     def least_factor() -> tuple[np.ndarray, np.ndarray]:
@@ -263,14 +267,17 @@ def least_factor_slopes(scenes: Scenes, event: str, name: str, motion: int) -> S
     return least_factor
 
 
-def _overturning_slopes(problem: Problem, excitation: AbstractExcitation, factor: float) -> np.ndarray:
+def overturning_slopes(
+    problem: Problem, excitation: AbstractExcitation, factor: float, options: Options | None = None
+) -> np.ndarray:
     """Return the derivatives of the least overturning factor on a motion with respect to the n + 1 logarithms
     that `derivatives.py` defines.
 
     - `problem`: the problem; `excitation`: the motion; `factor`: least factor on the motion that overturns
+    - `options`: options of the scenes; by default those of `boundary_options`
     """
-    podium = problem.podium.split_rows().without_elevation()
-    options = boundary_options(problem)
+    podium = problem.differentiable_podium.split_rows().without_elevation()
+    options = boundary_options(problem) if options is None else options
     slopes, positions = boundary_slopes(podium, excitation, factor, MAX_SCALE, options)
     directions = leaf_directions(problem, excitation, with_elevation=False)
     return slopes @ np.array([directions[i] for i in positions])

@@ -24,6 +24,7 @@ class Motion(NamedTuple):
     windows: Any = ()
     wrong: Any = ()  # windows that only scenes of lower accuracy see
     unanswered: Any = ()
+    too_coarse: Any = ()  # intervals without an answer of scenes of lower accuracy
     lifts: Any = 0.1
     dip: Any = 1.0  # margin at the dip at 0.4321
 
@@ -33,8 +34,9 @@ class Motion(NamedTuple):
         for level, stretches in ((-0.2, self.windows), (xp.nan, self.unanswered)):
             for lo, hi in stretches:
                 value = xp.where((y >= lo) & (y < hi), level, value)
-        for lo, hi in self.wrong:
-            value = xp.where((y >= lo) & (y < hi) & ~sharp, -0.2, value)
+        for level, stretches in ((-0.2, self.wrong), (xp.nan, self.too_coarse)):
+            for lo, hi in stretches:
+                value = xp.where((y >= lo) & (y < hi) & ~sharp, level, value)
         return value
 
     def reach(self, y):
@@ -45,7 +47,7 @@ class Motion(NamedTuple):
         """Return the motion with three intervals of every kind, so that one compiled program serves all
         cases."""
         fill = lambda part: jnp.array([*part, *[(2.0, 2.0)] * (3 - len(part))])
-        stretches = fill(self.windows), fill(self.wrong), fill(self.unanswered)
+        stretches = map(fill, (self.windows, self.wrong, self.unanswered, self.too_coarse))
         return Motion(*stretches, jnp.asarray(self.lifts), jnp.asarray(self.dip))
 
     def first(self) -> float:
@@ -183,6 +185,23 @@ def test_no_scale_below_the_uplift_is_evaluated(monkeypatch):
     assert quiet.scenes < 400
     assert not quiet.crossings.y.size
     assert not np.isfinite(in_program(Motion(lifts=0.9)).scale)
+
+
+def test_stretches_without_an_answer_at_low_accuracy_are_solved_again(monkeypatch):
+    """Solved more accurately, their scenes finish, so the search is certain up to the boundary."""
+    motion = Motion([(0.7, 0.8)], too_coarse=[(0.3, 0.32)])
+    found = scanned([motion], monkeypatch)
+    assert found.crossings.y[0] == pytest.approx(0.7, rel=1e-9)
+    assert found.certain_width[0] <= WIDTH
+    assert found.finished_to[0] > 0.7
+    assert found.last_unfinished[0] == -math.inf
+
+
+def test_boundaries_do_not_depend_on_the_other_lines(monkeypatch):
+    motions = drawn(40, 3)
+    together = scanned(motions, monkeypatch).crossings.first(len(motions))[0]
+    alone = [scanned([motion], monkeypatch).crossings.y[0] for motion in motions[:12]]
+    np.testing.assert_array_equal(together[:12], alone)
 
 
 @pytest.mark.parametrize("search", ["batch", "program"])
