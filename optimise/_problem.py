@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 import operator
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -341,6 +342,8 @@ class _Reader(Reader):
             )
         if entry.keys.statistic != "max":
             self.fail(f"{where}.statistic", "must be max, because a target must hold under every motion")
+        if kind.has_limit and math.isnan(entry.limit):
+            self.fail(where, "the limit is a key that the file does not have; give the key or a number")
         suite = []
         if kind.needs_motions:
             suite = motions[self.require_set(motions, entry.keys.motions, f"{where}.motions")]

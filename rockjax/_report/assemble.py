@@ -14,7 +14,7 @@ from .blocks import Page
 from .plausibility import warnings_of
 from .sections import SECTIONS
 from .sections.common import unused_sets
-from .tables import Code, Link, Table, Text
+from .tables import Code, Link, Quantity, Table, Text
 from .units import Units
 
 if TYPE_CHECKING:
@@ -110,22 +110,14 @@ def _notices(evaluation: Evaluation):
     undecided = [check.id for check in evaluation.checks if check.result == "UNDECIDED"]
     if undecided:
         yield f"Undecided within the numerical error, or without an answer: {', '.join(undecided)}."
-    if problem.podium.elevation is None:
-        of_joints = [
-            check.id for check in evaluation.checks if check.values is not None and check.kind.is_of_joints
-        ]
-        if of_joints:
-            yield (
-                "The structure has no positions of columns: joint forces are those of the mean column "
-                f"({', '.join(of_joints)}), and A1 and A7 are not checked for each column."
-            )
-        else:
-            yield "Not checked, because the structure has no positions of columns: joint forces, A1 and A7."
+    if problem.missing_positions:
+        yield "Not checked, because the structure has no positions of columns: joint forces, A1 and A7."
     sources = problem.sources_of_inputs(used={check.motions for check in evaluation.checks})
     missing = [key for key, source in sources.items() if source is None]
     if missing:
         yield (
-            f"Inputs without a source: {len(missing)} of {len(sources)} (",
+            *("Inputs without a source: ", Quantity(len(missing), "count")),
+            *(" of ", Quantity(len(sources), "count"), " ("),
             Code(", ".join(missing)),
             ").",
         )

@@ -83,17 +83,10 @@ def _outcome(
     return Outcome(violated, float(worst.reduce(values)), text, int(unfinished.sum()))
 
 
-def _of_columns(problem: Problem, outcome: Outcome | str) -> Outcome | str:
-    """Return the outcome of a test of joint forces, or a sentence if the outcome is not valid for every
-    column.
-
-    Without positions of the columns, the forces are those of the mean column. These forces can show that an
-    assumption is violated, but not that it holds for every column.
-    """
-    if isinstance(outcome, str) or problem.podium.elevation is not None or outcome.violated.any():
-        return outcome
-    found = outcome.text.format(f"{outcome.worst:.3g}")
-    return f"Not tested for each column: the structure has no positions of columns. Mean column: {found}."
+def _without_forces(problem: Problem) -> str:
+    """Return the reason why joint forces are not tested."""
+    key = problem.missing_positions
+    return f"Not tested: the file has no {key}." if key else "Not tested: no check asks for joint forces."
 
 
 # The tests of the assumptions, with the arguments and results of `Assumption.test`.
@@ -102,18 +95,18 @@ def _no_sliding(problem: Problem, data: xarray.Dataset) -> Outcome | str:
     if mu is None:
         return "Not tested: the file has no joints.friction."
     if "peak_friction" not in data:
-        return "Not tested: the structure has no positions of columns."
+        return _without_forces(problem)
     demand = _friction_demand(data)
     is_testable = np.isfinite(demand) & ~opens_joint(data)
     if not is_testable.any():
         return "Not tested: under every motion a joint opens or the demand is unknown."
     tested = np.where(is_testable, demand, -np.inf)
-    text = f"largest demand {{}} while all joints are closed, μ = {mu:g}"
+    text = "largest demand {} while all joints are closed, against joints.friction"
     outcome = _outcome(data, tested > mu, tested, np.fmax, text)
     if isinstance(outcome, Outcome):
         is_untested = ~is_testable & ~results.did_not_finish(data["result"].values)
         outcome = outcome._replace(untested=int(is_untested.sum()))
-    return _of_columns(problem, outcome)
+    return outcome
 
 
 def _friction_demand(data: xarray.Dataset) -> np.ndarray:
@@ -132,16 +125,14 @@ def _closed_under_vertical_motion(problem: Problem, data: xarray.Dataset) -> Out
     is_weightless = codes == results.WEIGHTLESS
     unfinished = int((results.did_not_finish(codes) & ~is_weightless).sum())
     text = "{} scenes in which the weight vanishes"
-    return Outcome(is_weightless, float(is_weightless.sum()), text, unfinished)
+    return Outcome(is_weightless, int(is_weightless.sum()), text, unfinished)
 
 
 def _beam_rests_on_columns(problem: Problem, data: xarray.Dataset) -> Outcome | str:
     if "least_axial_force" not in data:
-        return "Not tested: the structure has no positions of columns."
+        return _without_forces(problem)
     least = data["least_axial_force"].values.min(axis=-1)
-    column = "a column" if problem.podium.elevation is not None else "the mean column"
-    text = f"least axial force {{}} m_c g of {column}"
-    return _of_columns(problem, _outcome(data, opens_joint(data), least, np.fmin, text))
+    return _outcome(data, opens_joint(data), least, np.fmin, "least axial force {} m_c g of a column")
 
 
 def _never_tested(reason: str) -> Callable[[Any, Any], str]:

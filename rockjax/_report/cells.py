@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from rockjax import _results as results
 
-from .tables import Quantity, TextCell
+from .tables import Quantity, Text, TextCell
 
 if TYPE_CHECKING:
     import xarray
@@ -21,7 +21,7 @@ MAX_SLUG = 40  # largest number of characters that `slug` takes from a name
 
 
 def number_cell(
-    value: Any, kind: str, error: Any = None, text: str = "none", note: str = ""
+    value: Any, kind: str, error: Any = None, text: Text = "none", note: Text = ""
 ) -> Quantity | TextCell:
     """Return a cell with a number, or with `text` if the number is not finite.
 
@@ -58,7 +58,7 @@ def peak_cell(data: xarray.Dataset, k: int, value: Any, kind: str, error: Any = 
     if unanswered is not None:
         return unanswered
     if bool(data["overturned"].values[k]):
-        until = f"until {float(data['overturn_time'].values[k]):.2f} s"
+        until = "until ", Quantity(float(data["overturn_time"].values[k]), "time")
         return number_cell(value, kind, error, "joint opens", until)
     return number_cell(value, kind, error, "joint opens")
 

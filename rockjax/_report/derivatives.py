@@ -90,7 +90,7 @@ def varied(problem: Problem, logs: Any) -> Podium:
     The result is exact to first order in the logarithms `logs`, (n + 1,). The last factor applies to the
     motion and is not used.
     """
-    leaves, treedef = jax.tree.flatten(problem.podium)
+    leaves, treedef = jax.tree.flatten(problem.differentiable_podium)
     changed = [
         jnp.asarray(y, float) + J @ logs[:-1] for y, J in zip(leaves, problem.leaf_derivatives, strict=True)
     ]
@@ -133,7 +133,8 @@ def prepare_answers(scenes: Scenes, name: str) -> None:
 
 def prepare_solved_answers(scenes: Scenes, name: str, options: Options) -> None:
     """Start to load or compile the program of `solved_answers` for the motions of a set in another thread."""
-    podium, excitation = scenes.problem.podium, scenes.motion_set(name).excitations[0]
+    podium = scenes.problem.differentiable_podium
+    excitation = scenes.motion_set(name).excitations[0]
     prepare_slopes(podium, excitation, as_start("report", REST, podium), None, options)
 
 
@@ -146,8 +147,9 @@ def solved_answers(
     problem: Problem, excitation: AbstractExcitation, options: Options
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Solve one scene, and return its answers in the form of `scene_answers`."""
-    initial = as_start("report", REST, problem.podium)
-    answers, slopes, indices = solve_with_slopes(problem.podium, excitation, initial, None, options)
+    podium = problem.differentiable_podium
+    initial = as_start("report", REST, podium)
+    answers, slopes, indices = solve_with_slopes(podium, excitation, initial, None, options)
     directions = leaf_directions(problem, excitation, options.of_joints)
     directions = np.array([directions[i] for i in indices])
     return {

@@ -41,7 +41,8 @@ class Entry:
       a class of pulses
     - `motions`: name of the set of motions; None for a check without one
     - `quantity`: what the value of the check measures, one of `units.KINDS`
-    - `limit`: limit [SI]; 1 if the kind has no limit, NaN if an entry outside the model gives none
+    - `limit`: limit [SI]; 1 if the kind has no limit, and NaN if an entry outside the model gives none or if
+      the file does not have the key that is the limit
     - `is_target`: whether the entry is a design target
     """
 

@@ -28,6 +28,8 @@ from .problem import Problem
 from .reading import read_problem
 from .scenes import Needs, NoProgress, Scenes
 from .store import Store
+from .tables import Quantity, Text, joined, plain
+from .units import Units
 
 SKIPPABLE = ("risk", "methods", "spread")  # valid names in the argument `skip`
 
@@ -171,36 +173,36 @@ def _compute(entry: Entry, kind: Kind, scenes: Scenes) -> Check:
     statistic, utilisations = _utilisations(entry, kind, values)
     violated = _violated(kind, entry, scenes)
     causes = sorted({name for name in values.unanswered if name})
-    is_mean_column = _needs_positions(kind, scenes.problem)
-    result = decide(utilisations, bool(causes) or is_mean_column, bool(violated))
-    reason = values.remark or _events(entry, values)
-    if is_mean_column and result == "UNDECIDED":
-        key = "structure.positions" if scenes.problem.column_mass is not None else "structure.elevation"
-        reason = f"known for the mean column only; give {key}"
+    result = decide(utilisations, bool(causes), bool(violated))
+    reason: Text = values.remark or _events(entry, values)
     if causes and result == "UNDECIDED":
-        count = sum(map(bool, values.unanswered))
-        reason = f"{count} of {len(values.unanswered)} scenes have no decided answer: {', '.join(causes)}"
-    text = state = ""
+        counts = [Quantity(y, "count") for y in (sum(map(bool, values.unanswered)), len(values.unanswered))]
+        reason = counts[0], " of ", counts[1], f" scenes have no decided answer: {', '.join(causes)}"
+    text: Text = ""
+    state = ""
     governing, is_mean = statistic.governing, entry.keys.statistic == "mean"
     if not math.isfinite(statistic.value):
         text, state = "no finite value", "unanswered" if math.isnan(statistic.value) else "none"
         if values.texts[governing]:
             text, state = values.texts[governing], values.states[governing]
+    location = values.locations[governing] if statistic.has_one_case else ""
+    units = Units.si(float(scenes.problem.podium.g))
     check = Check(
         entry,
         kind,
         result,
-        reason,
+        plain(reason, units),
         violated,
         statistic.value,
         statistic.error,
-        text,
+        plain(text, units),
         state,
         utilisations[1],
         None if kind.has_one_value or is_mean else governing,
-        values.locations[governing] if statistic.has_one_case else "",
+        plain(location, units),
         values,
         tuple(statistic.weights.tolist()),
+        parts={"reason": reason, "text": text, "location": location},
     )
     slopes = _sensitivities(check, scenes)
     # The derivatives of a mean are left out if |d ln U/d ln y| · spread > 1 for an input y, because a motion
@@ -212,7 +214,7 @@ def _compute(entry: Entry, kind: Kind, scenes: Scenes) -> Check:
         sensitivities=slopes if is_smooth else {},
         no_slopes=Check.no_slopes if is_smooth else "not smooth",
         **(_spread(check, scenes) if scenes.with_spread and kind.has_variants else {}),
-        laws=_laws(check, scenes) if kind.has_laws else {},
+        laws=_laws(check, scenes) if not kind.no_laws else {},
     )
 
 
@@ -221,12 +223,14 @@ def _overturned_or_open(values: Values) -> list[int]:
     return [k for k, state in enumerate(values.states) if state in ("overturned", "joint opens")]
 
 
-def _events(entry: Entry, values: Values) -> str:
+def _events(entry: Entry, values: Values) -> Text:
     """Return a text that names the cases in which columns or blocks overturn or a joint opens. Return "" if
     there are none, or if the statistic is the worst value, because its own text names the event."""
     cases = _overturned_or_open(values) if entry.keys.statistic != "max" else []
-    named = [f"{values.names[k]}: {values.texts[k]}" for k in cases[:3]]
-    return "; ".join(named) + (f"; and {len(cases) - 3} more" if len(cases) > 3 else "")
+    named: list[Text] = [joined((f"{values.names[k]}: ", values.texts[k]), "") for k in cases[:3]]
+    if len(cases) > 3:
+        named.append(("and ", Quantity(len(cases) - 3, "count"), " more"))
+    return joined(named, "; ")
 
 
 def _utilisations(entry: Entry, kind: Kind, values: Values) -> tuple[Statistic, tuple[float, float, float]]:
@@ -284,12 +288,6 @@ def decide(utilisations: tuple[float, float, float], is_unanswered: bool, is_vio
     return "NOT VALID" if is_violated else "PASS"
 
 
-def _needs_positions(kind: Kind, problem: Problem) -> bool:
-    """Return whether the values of a check are forces of the mean column, because the structure has no
-    positions of columns. Such values can show that a check fails, but not that it passes."""
-    return kind.is_of_joints and problem.podium.elevation is None
-
-
 def _violated(kind: Kind, entry: Entry, scenes: Scenes) -> tuple[str, ...]:
     """Return the ids, such as "A7", of the assumptions in `INVALIDATING` that are violated in at least one
     tested scene of a check."""
@@ -314,13 +312,13 @@ def _sensitivities(check: Check, scenes: Scenes) -> dict[str, float]:
     motions = np.flatnonzero(weights).tolist()
     if any(check.values.unanswered[k] for k in motions if check.values.unanswered):
         return {}
-    functions = {k: check.kind.slopes_function(check.entry, scenes, k) for k in motions}
-    differentiable = {k: function for k, function in functions.items() if function is not None}
-    if not differentiable:
+    found = {k: check.kind.slopes_function(check.entry, scenes, k) for k in motions}
+    functions = {k: function for k, function in found.items() if function is not None}
+    if len(functions) < len(motions):  # the statistic has a derivative only if all its values have one
         return {}
-    data = log_slopes(scenes, check.entry, differentiable)
+    data = log_slopes(scenes, check.entry, functions)
     # The statistic is Σ w v, so its logarithmic derivative is Σ w v s / Σ w v with s = d ln v/d ln y.
-    shares = weights[list(differentiable)] * data["value"].values
+    shares = weights[motions] * data["value"].values
     slopes = shares @ np.where(shares[:, None] == 0, 0.0, data["slope"].values) / shares.sum()
     sign = -1 if check.kind.is_minimum else 1
     return {str(name): sign * float(y) for name, y in zip(data["parameter"].values, slopes, strict=True)}
@@ -356,8 +354,8 @@ def _spread(check: Check, scenes: Scenes) -> dict[str, dict[Any, Any]]:
 
 def _laws(check: Check, scenes: Scenes) -> dict[str, tuple[float, str]]:
     """Return law of impact → (U [–], result). Violated assumptions are ignored."""
-    laws, is_mean_column = {}, _needs_positions(check.kind, scenes.problem)
+    laws = {}
     for law in scenes.problem.report.laws:
         utilisations, values = _repeat(check, scenes, law=law)
-        laws[law] = utilisations[1], decide(utilisations, any(values.unanswered) or is_mean_column, False)
+        laws[law] = utilisations[1], decide(utilisations, any(values.unanswered), False)
     return laws

@@ -14,7 +14,7 @@ from .problem import Problem
 from .scenes import Scenes
 
 if TYPE_CHECKING:
-    from .tables import Table
+    from .tables import Table, Text
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,6 +30,8 @@ class Check:
     - `limit`, `value`, `error`: limit, value and estimated error of the value [SI]; NaN if missing or
       unknown. If `value` is infinite, `text` states the event that it stands for
     - `text`: text that is shown if the value is not finite, such as "overturned at 5.85 s"; otherwise ""
+    - `parts`: "reason", "text" and "location" → the text of this name with its numbers as quantities in SI,
+      for the page
     - `state`: meaning of `text` for programs, one of `tables.STATES`; "" without a text
     - `utilisation`: U = value/limit, or limit/value for a minimum [–]. inf if columns or blocks overturn or a
       joint opens under one of the motions, even if the statistic is a finite median, and for a value ≤ 0
@@ -65,6 +67,7 @@ class Check:
     weights: tuple[float, ...] = ()
     sensitivities: Mapping[str, float] = dataclasses.field(default_factory=dict)
     no_slopes: str = "no derivative"
+    parts: Mapping[str, Text] = dataclasses.field(default_factory=dict)
     spread: Mapping[str, tuple[float, float]] = dataclasses.field(default_factory=dict)
     spread_events: Mapping[tuple[str, int], str] = dataclasses.field(default_factory=dict)
     laws: Mapping[str, tuple[float, str]] = dataclasses.field(default_factory=dict)

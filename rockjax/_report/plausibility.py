@@ -65,7 +65,8 @@ def warnings_of(evaluation: Evaluation) -> Iterator[Text]:
         if check.kind.name == "peak-drift-ratio" and check.limit > LARGEST_DRIFT:
             yield f"The limit of {check.id} exceeds a tenth of the height; is its unit missing?"
         if math.isfinite(check.utilisation) and 0 < check.utilisation < LEAST_U:
-            yield f"The utilisation of {check.id} is below {LEAST_U:g}; is the unit of its limit right?"
+            least = Quantity(LEAST_U, "number", is_input=True)
+            yield f"The utilisation of {check.id} is below ", least, "; is the unit of its limit right?"
         if check.statistic == "mean" and check.motions and len(problem.motions[check.motions]) < FEW_MOTIONS:
-            count = len(problem.motions[check.motions])
-            yield f"{check.id} is a mean over {count} motions; at least {FEW_MOTIONS} are usual."
+            count, usual = (Quantity(y, "count") for y in (len(problem.motions[check.motions]), FEW_MOTIONS))
+            yield f"{check.id} is a mean over ", count, " motions; at least ", usual, " are usual."

@@ -19,10 +19,11 @@ from rockjax._motions.provenance import sha256
 from rockjax._options import Options
 from rockjax._problem import models
 from rockjax._problem.reading import Reader, to_excitation
-from rockjax._structures import Podium
+from rockjax._structures import GivenRestitution, Podium
 
 from .entry import Entry
 
+RESTITUTION = "e"  # name of the factor of restitution of a law of impact
 # Inputs that are counts. They cannot be multiplied by a factor.
 COUNTS = ("columns", "stories", "modes", "superstructure.stories", "superstructure.modes")
 
@@ -125,6 +126,7 @@ class Problem:
       source of a value that the command line replaces is "command line"
     - `project`, `joints`, `report`, `fragility`, `risk`, `structure`: the tables of the file with these names
     - `text`: the text of the file
+    - `given`: names of the tables that the file has
     """
 
     path: Path
@@ -142,6 +144,7 @@ class Problem:
     fragility: models.Fragility
     risk: models.Risk
     structure: models.ByRatios | models.ByDimensions
+    given: Collection[str] = ()
 
     def sources_of_inputs(self, used: Collection[str | None]) -> dict[str, str | None]:
         """Return each input → its source, or None if it has none.
@@ -164,25 +167,39 @@ class Problem:
     def varied(self, factors: Mapping[str, Any]) -> Podium:
         """Return the structure with inputs multiplied by factors.
 
-        - `factors`: key of an input → factor on the number, or on all numbers of a list. Factors may be JAX
-          tracers
+        - `factors`: key of an input → factor on the number, or on all numbers of a list. "e" → factor on the
+          factor of restitution of the law of impact. Factors may be JAX tracers
         """
-        return podium_with(self.structure, factors)
+        inputs = {name: y for name, y in factors.items() if name != RESTITUTION}
+        podium = podium_with(self.structure, inputs) if inputs else self.podium
+        if RESTITUTION not in factors:
+            return podium
+        return podium.replace(restitution=factors[RESTITUTION] * podium.restitution_factor)
 
-    @property
+    @functools.cached_property
     def variables(self) -> tuple[str, ...]:
-        """Keys of the inputs that can be multiplied by a factor."""
-        return tuple(entry.key for entry in self.inputs if entry.varies)
+        """Keys of the inputs that can be multiplied by a factor. If the factor of restitution e is positive
+        and comes from a law of impact, "e" is the last one; other inputs also change e as the law states."""
+        keys = tuple(entry.key for entry in self.inputs if entry.varies)
+        has_law = not isinstance(self.podium.restitution, GivenRestitution)
+        has_law &= float(self.podium.restitution_factor) > 0
+        return (*keys, RESTITUTION) if has_law else keys
+
+    @functools.cached_property
+    def differentiable_podium(self) -> Podium:
+        """The structure, whose factor of restitution is a number if "e" is among the `variables`."""
+        return self.varied({RESTITUTION: 1.0}) if RESTITUTION in self.variables else self.podium
 
     @property
     def leaf_derivatives(self) -> list[Any]:
-        """For each pytree leaf of `podium`, its derivatives with respect to ln y for the inputs y in
-        `variables`. The last axis runs over these inputs."""
+        """For each pytree leaf of `differentiable_podium`, its derivatives with respect to ln y for the
+        inputs y in `variables`. The last axis runs over these inputs."""
         return self._derivatives[0]
 
     @property
     def split_derivatives(self) -> Podium:
-        """`podium.split_rows()` with derivatives in place of its leaves, in the form of `leaf_derivatives`.
+        """`differentiable_podium.split_rows()` with derivatives in place of its leaves, in the form of
+        `leaf_derivatives`.
 
         `split_rows` turns arrays over columns, modes or stories into tuples of numbers.
         """
@@ -215,6 +232,17 @@ class Problem:
         actual = (self.podium.width, self.podium.height)
         width, height = (float(z if y is None else y) for y, z in zip(given, actual, strict=True))
         return width, height
+
+    @property
+    def missing_positions(self) -> str:
+        """Key of the positions of the columns, "structure.positions" or "structure.elevation", if the forces
+        in the joints of each column are unknown without them. Otherwise "": the structure has positions or a
+        single column, or its columns carry nothing, so that all columns have the same forces."""
+        podium = self.podium
+        is_loaded = float(podium.gamma) or float(podium.eta) or any(y.joints != 1 for y in podium.restrainers)
+        if podium.elevation is not None or not is_loaded or getattr(self.structure, "columns", None) == 1:
+            return ""
+        return "structure.positions" if self.column_mass is not None else "structure.elevation"
 
     @property
     def column_enlargement(self) -> float:

@@ -94,6 +94,7 @@ def problem_of(table: Mapping[str, Any], path: Path) -> Problem:
         fragility=file.fragility,
         risk=file.risk,
         structure=file.structure,
+        given=file.model_fields_set,
     )
 
 
@@ -220,21 +221,35 @@ def _entry(
 
 def _resolve(table: Mapping[str, Any], name: str, value: Any) -> Any:
     """Return a value of an entry. If the value is a limit that names a key of the file, such as
-    "joints.friction", return the number at this key instead.
+    "joints.friction", return the number at this key instead. If the file does not have this key but may have
+    it, return the name of the key.
 
     - `table`: contents of the problem file
     - `name`, `value`: key and value in the table of the check
 
-    Raises `ValueError` if the file has no finite number at the key.
+    Raises `ValueError` for other texts, and if the value at the key is not a finite number.
     """
     if name not in BOUNDS or not isinstance(value, str):
         return value
     number: Any = table
     for part in value.split("."):
         number = number.get(part) if isinstance(number, dict) else None
+    if number is None and _is_valid_key(value):
+        return value
     if not isinstance(number, int | float) or isinstance(number, bool) or not math.isfinite(number):
         raise ValueError(
             f"{name} must be a number or a key of this file with a number, such as 'joints.friction'; "
             f"got {value!r}"
         )
     return float(number)
+
+
+def _is_valid_key(path: str) -> bool:
+    """Return whether problem files may have a value at a path such as "joints.friction"."""
+    model: Any = models.Problem
+    for name in path.split("."):
+        fields = getattr(model, "model_fields", {})
+        if name not in fields:
+            return False
+        model = fields[name].annotation
+    return not hasattr(model, "model_fields")

@@ -294,6 +294,7 @@ def format_number(quantity: Quantity, units: Units) -> str:
 
     Numbers have at most four significant digits, and no digits after the first significant digit of the
     error. Inputs have up to six significant digits, without trailing zeros. Counts have no decimals.
+    Derivatives have a sign and two decimals.
     Utilisations have two decimals, or more if a utilisation other than 1 would be rounded to 1. Utilisations
     of 1000 or more have four significant digits.
     """
@@ -301,6 +302,8 @@ def format_number(quantity: Quantity, units: Units) -> str:
     digits = KINDS[quantity.kind].digits
     if quantity.kind == "utilisation":
         return _signed(_utilisation(value))
+    if quantity.kind == "derivative":
+        return f"{value:+.2f}".replace("-", "−")
     if digits is None:
         return _signed(f"{value:.0f}")
     if quantity.is_input:
@@ -342,6 +345,15 @@ def column_heading(column: Column, units: Units) -> str:
     if column.kind is None or units.symbol(column.kind) == NO_UNIT:
         return column.heading
     return f"{column.heading} [{units.symbol(column.kind)}]"
+
+
+def joined(texts: Iterable[Text], separator: str = ", ") -> Text:
+    """Return texts as one text, with a separator between them."""
+    parts: list[Part] = []
+    for text in texts:
+        parts += [separator] if parts else []
+        parts += [text] if isinstance(text, str) else text
+    return "".join(parts) if all(isinstance(part, str) for part in parts) else tuple(parts)
 
 
 def plain(text: Text, units: Units) -> str:

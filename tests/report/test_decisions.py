@@ -122,7 +122,7 @@ def computed(values, tmp_path, statistic, kind="peak-rotation", limit=0.5):
 
         def slopes_function(self, entry, scenes, case):
             v = float(values.values[case])
-            return lambda: (v, v * (case + 1) * np.ones(5))
+            return lambda: (v, v * (case + 1) * np.ones(6))
 
     fields = {field.name: getattr(KINDS[kind], field.name) for field in dataclasses.fields(KINDS[kind])}
     return _compute(found.checks[0], Made(**fields), scenes)
@@ -149,6 +149,19 @@ def test_one_overturned_motion_fails_every_statistic(tmp_path, statistic):
         assert check.spread_events["width", 0] == f"{event} (M11)"
         assert check.sensitivities == {}
         assert math.isfinite(check.value) == (statistic in ("median", "p84"))
+
+
+def test_a_mean_of_a_value_without_derivatives_has_none(tmp_path, monkeypatch):
+    """The derivatives of the other values would not add up to that of the mean."""
+    values = named(0.2, 0.3)
+    assert computed(values, tmp_path, "mean").sensitivities
+    check = computed(values, tmp_path, "mean")
+    kind = type(check.kind)
+    slopes = kind.slopes_function
+    monkeypatch.setattr(
+        kind, "slopes_function", lambda self, entry, scenes, k: slopes(self, entry, scenes, k) if k else None
+    )
+    assert _sensitivities(check, None) == {}
 
 
 def test_an_overturned_motion_fails_a_set_with_an_unfinished_scene(tmp_path):
@@ -308,7 +321,13 @@ def test_values_by_key_units_and_targets(tmp_path):
 def test_changed_inputs(tmp_path):
     """Inputs change by factors, lists by a common one, and derivatives pass through them."""
     found = problem(tmp_path)
-    assert found.variables == ("width", "height", "column_mass", "beam_mass")
+    assert found.variables == ("width", "height", "column_mass", "beam_mass", "e")
+    reduced = found.varied({"e": 0.9, "width": 1.05})
+    assert float(reduced.restitution_factor) == pytest.approx(
+        0.9 * float(found.varied({"width": 1.05}).restitution_factor)
+    )
+    given = problem(tmp_path, file=FILE.replace("beam_mass", "restitution = 0.8\nbeam_mass"))
+    assert given.variables == ("width", "height", "column_mass", "beam_mass", "restitution")
     wider = found.varied({"width": 1.05})
     assert float(wider.width) == pytest.approx(0.63)
     assert float(found.varied({"column_mass": 2.0}).gamma) == pytest.approx(float(found.podium.gamma) / 2)

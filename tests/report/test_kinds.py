@@ -24,6 +24,8 @@ from rockjax._report.scales import boundary_options, least_factors
 from rockjax._report.scenes import Needs, Scenes, with_given_restitution
 from rockjax._report.sections import summary
 from rockjax._report.store import Store
+from rockjax._report.tables import plain
+from rockjax._report.units import Units
 from rockjax._results import NAMES
 from rockjax._risk.gaussian import Envelope
 
@@ -83,6 +85,10 @@ def read(folder, checks, file=FILE):
     path = folder / "problem.toml"
     path.write_text(file + checks, encoding="utf-8")
     return rj.read_problem(path)
+
+
+def texts_of(values):
+    return [plain(text, Units.si(9.80665)) for text in values.texts]
 
 
 def result_of_minimum(values, limit):
@@ -164,6 +170,8 @@ def test_share_of_motions_that_overturn(tmp_path):
 @pytest.mark.parametrize(
     ("check", "reason"),
     [
+        ('kind = "median-capacity"\nlimit = 0.5', r"no table \[fragility\]"),
+        ('kind = "peak-rotation"\nlimit = "joints.friction"', "no joints.friction, which is the limit"),
         ('kind = "contents-rotation"\nlimit = 0.5', r"no \[\[contents\]\]"),
         ('kind = "floor-spectrum"\nlimit = 0.5', r"no \[\[oscillators\]\]"),
         ('kind = "failure-probability"\nlimit = 0.1', "give its key motion"),
@@ -313,7 +321,7 @@ def test_medians_have_intervals_in_place_of_errors(tmp_path, monkeypatch):
     )
     cell = summary._value(check, problem, None)
     assert cell.error is None
-    assert [getattr(part, "value", part) for part in cell.note] == ["90% interval ", 1.5, " to ", 2.5]
+    assert [getattr(part, "value", part) for part in cell.note] == [0.9, " interval ", 1.5, " to ", 2.5]
 
 
 def test_searches_are_repeated_under_other_laws_of_impact(tmp_path):
@@ -326,6 +334,8 @@ def test_searches_are_repeated_under_other_laws_of_impact(tmp_path):
     scenes, (uplift, overturning) = evaluation.scenes, evaluation.checks
     assert uplift.laws["paper"] == (uplift.utilisation, uplift.result)
     factors = least_factors(scenes, "noise", "overturning", "paper")["factor"].values
+    singly = [float(rj.overturning_scale(problem.podium, y)) for y in problem.motions["noise"].excitations]
+    np.testing.assert_array_equal(overturning.values.values, singly)  # bit for bit
     assert overturning.laws["paper"][0] == 1.5 / factors.min()
     assert np.any(factors != overturning.values.values)
     podium = with_given_restitution(problem.podium.replace(restitution="paper"))
@@ -445,25 +455,72 @@ limit = "joints.friction"
 
 
 def test_joint_forces_without_positions(tmp_path):
-    """Forces are those of the mean column; they do not show that A1 and A7 hold for each column."""
+    """The checks are not made, nothing is solved, and the page names the missing key."""
     report = rj.report(read(tmp_path, JOINTS), skip=("spread", "methods"))
     assert [(check.result, check.reason) for check in report.evaluation.checks] == [
-        ("UNDECIDED", "known for the mean column only; give structure.positions")
+        (
+            "NOT MADE",
+            "The file has no structure.positions, which the forces in the joints of each column need.",
+        )
     ] * 2
-    table = report.tables["joints-pulses"]
-    assert "mean column" in table.caption
-    assert [column.heading for column in table.columns][2:] == [
-        "Least N / dead load",
-        "Largest N / dead load",
-        "Friction demand |T|/N",
-    ]
-    for name in ("A1", "A7"):
-        outcome = report.evaluation.assumptions["pulses"][name]
-        assert outcome.startswith("Not tested for each column: the structure has no positions of columns")
+    assert not any(name.startswith("peaks.") for name in report.evaluation.scenes.store.used)
     (notice,) = [y for y in page_of(report.evaluation).notices if "positions" in str(y)]
-    assert notice.endswith(
-        "those of the mean column (C1, C2), and A1 and A7 are not checked for each column."
-    )
+    assert notice.endswith("joint forces, A1 and A7.")
+
+
+OF_JOINTS = [name for name, kind in KINDS.items() if kind.is_of_joints]
+
+
+@pytest.mark.parametrize("kind", OF_JOINTS)
+def test_checks_of_joint_forces_name_each_missing_key(tmp_path, kind):
+    """Positions of columns are missing unless all columns have the same forces. Contact pressures also need
+    the contact area."""
+    given = {"structure.positions": "beam_depth = 0.5\npositions = [-2.0, 2.0]\n"}
+    if kind == "contact-pressure":
+        given |= {
+            "joints.contact_width": "contact_width = 0.1\n",
+            "joints.contact_depth": "contact_depth = 0.6\n",
+        }
+    bound = "at_least" if KINDS[kind].is_minimum else "at_most"
+    check = f'[[checks]]\nkind = "{kind}"\n{bound} = 0.5\n'
+
+    def reason(missing, **texts):
+        joints = "".join(text for key, text in given.items() if key not in missing and "joints" in key)
+        structure = "" if "structure.positions" in missing else given["structure.positions"]
+        file = texts.get("file", FILE).replace(
+            "[motions.pulses]", f"{structure}[joints]\n{joints}[motions.pulses]"
+        )
+        problem = read(tmp_path, check, file)
+        return KINDS[kind].missing(problem.checks[0], problem)
+
+    assert reason(()) == ""
+    for key in given:
+        assert key in reason((key,))
+        assert not any(other in reason((key,)) for other in given if other != key)
+    assert all(key in reason(tuple(given)) for key in given)
+    for equal in ("columns = 1\nheight", "height"):
+        file = FILE.replace("height", equal)
+        file = file if "columns" in equal else file.replace("beam_mass = 60e3\n", "")
+        assert reason(("structure.positions",), file=file) == ""
+
+
+def test_the_shear_of_the_foundation_needs_no_positions(tmp_path):
+    """It is a sum over all columns."""
+    assert {"peak-friction", "least-axial-force", "contact-pressure", "least-impulse-share"} <= set(OF_JOINTS)
+    problem = read(tmp_path, '[[checks]]\nkind = "peak-foundation-shear"\nlimit = 0.5\n')
+    assert KINDS["peak-foundation-shear"].missing(problem.checks[0], problem) == ""
+
+
+def test_a_frequency_without_a_curve_is_not_made(tmp_path):
+    """The hazard is given, but neither a table [fragility] nor a curve in [risk]."""
+    (tmp_path / "hazard.csv").write_text("PGA [m/s2],rate [1/year]\n1.0,0.02\n3.0,0.002\n")
+    for more, reason in (
+        ("", "no table [fragility], no risk.fragility, and no risk.median and risk.dispersion"),
+        ("[fragility]\n", ""),
+    ):
+        problem = read(tmp_path, RISK + more)
+        assert reason in (found := KINDS["annual-frequency"].missing(problem.checks[0], problem))
+        assert bool(found) == bool(reason)
 
 
 def test_a_search_without_overturning_is_not_an_open_joint(tmp_path):
@@ -498,8 +555,9 @@ def test_a_search_without_overturning_gives_a_lower_bound(tmp_path, statistic, l
 def faked_search(monkeypatch, factors, finished_to, margin):
     """Replace the scan and the scenes above its boundaries; `margin`: function of the factors."""
     found = np.flatnonzero(np.isfinite(factors))
-    crossings = Crossings(found, np.array(factors)[found], found >= 0, found)
-    scan = SimpleNamespace(crossings=crossings, finished_to=np.array(finished_to))
+    y = np.array(factors)[found] / scales.MAX_SCALE
+    crossings = Crossings(found, y, found >= 0, found)
+    scan = SimpleNamespace(crossings=crossings, finished_to=np.array(finished_to) / scales.MAX_SCALE)
     monkeypatch.setattr(scales, "scan", lambda *_, **__: scan)
     monkeypatch.setattr(scales, "margins", lambda _, x, y, options: (margin(y), np.zeros(y.size), None))
 
@@ -522,10 +580,10 @@ def test_scenes_that_did_not_finish_end_the_search(tmp_path, monkeypatch, factor
     scenes, (entry,), tested = Scenes(problem, Store(), {}), problem.checks, []
     values = KINDS[entry.kind].values(entry, scenes)
     assert result_of_minimum(values, limit) == result
-    assert values.texts == (
+    assert texts_of(values) == [
         "" if np.isfinite(factor) else "no overturning up to 6.1",
         "no overturning up to 10",
-    )
+    ]
     assert set(values.unanswered) <= {"", UNFINISHED, "the limit is beyond the searched range"}
     monkeypatch.setattr(Scenes, "peaks_with_factors", lambda *arguments: tested.append(arguments[-1]))
     KINDS[entry.kind].tested_scenes(entry, scenes)
@@ -559,7 +617,8 @@ def test_motions_whose_vertical_component_carries_the_weight(tmp_path):
     motion = 'kind = "one-sine"\na_p = 2.0\nT_p = 0.05\nvertical_ratio = 0.8'
     file = FILE.replace('kind = "ricker"\na_p = [2.5, 3.5]\nT_p = 1.0', motion)
     (check,) = evaluate(read(tmp_path, SCALE, file), skip=("spread",)).checks
-    assert (check.result, check.text) == ("PASS", "no overturning up to 6.13")
+    assert check.result == "PASS"
+    assert check.text.startswith("no overturning up to 6.1")
 
 
 def test_amplitudes_of_pulses_below_which_scenes_did_not_finish(tmp_path, monkeypatch):
@@ -578,7 +637,42 @@ def test_amplitudes_of_pulses_below_which_scenes_did_not_finish(tmp_path, monkey
         assert result_of_minimum(values, limit) == result
         threshold = 9.80665 * 0.2  # g tan α
         text = f"no overturning up to {end / threshold:.4g} g tan α"
-        assert values.texts == (("" if np.isfinite(scale) else text),) * 2
+        assert texts_of(values) == ["" if np.isfinite(scale) else text] * 2
+
+
+def test_pulses_are_repeated_under_other_laws_of_impact(tmp_path, monkeypatch):
+    """The amplitudes belong to the factor of restitution of each law."""
+    problem = read(tmp_path, PULSES, FILE.replace("laws = []", 'laws = ["paper", "compatible"]'))
+    found = lambda podium, *_, **__: SimpleNamespace(
+        scale=2 * float(podium.restitution_factor), finished_to=9.0
+    )
+    monkeypatch.setattr(searches, "acceleration_boundary", found)
+    (entry,), kind, scenes = problem.checks, KINDS["overturning-acceleration"], Scenes(problem, Store(), {})
+    assert scenes.laws == ("compatible",)
+    for law in (None, "paper", "compatible"):
+        factor = float(problem.podium.replace(restitution=law or "paper").restitution_factor)
+        assert kind.values(entry, scenes, law).values.tolist() == [2 * factor] * 2
+    assert not kind.no_laws
+    without = {name for name, kind in KINDS.items() if kind.no_laws}
+    assert without == {"median-capacity", "annual-frequency", "failure-probability"}
+
+
+def test_derivatives_of_capacities_by_the_keys_of_the_file(tmp_path, monkeypatch):
+    """They stand beside those by the parameters in [fragility]. Motions without a capacity have none."""
+    problem = read(tmp_path, SCALE)
+    analysis = xarray.Dataset(
+        {"capacity": ("record", [3.0, np.nan]), "measure": ("record", [1.5, 1.0])}
+        | {"sensitivity": (("parameter", "record"), [[0.5, np.nan]])},
+        coords={"parameter": ["gamma"], "record": ["a", "b"]},
+    )
+    monkeypatch.setattr(
+        risk, "overturning_slopes", lambda problem, motion, factor, _: factor * np.arange(6.0)
+    )
+    found = risk._with_sensitivities(analysis, problem, problem.motions["pulses"])["sensitivity"]
+    keys = [f"structure.{name}" for name in ("width", "height", "column_mass", "beam_mass")]
+    assert found["parameter"].values.tolist() == ["gamma", *keys, "e"]
+    np.testing.assert_array_equal(found.sel(record="a"), [0.5, 0.0, 1.0, 2.0, 3.0, 4.0])
+    assert np.isnan(found.sel(record="b")).all()
 
 
 def test_capacities_below_which_scenes_did_not_finish(tmp_path, monkeypatch):
@@ -595,7 +689,9 @@ def test_capacities_below_which_scenes_did_not_finish(tmp_path, monkeypatch):
         },
         coords={"intensity": [1.0, 2.0, 4.0]},
     )
-    curve = risk._with_search(xarray.Dataset({"median_capacity": 3.0}), analysis)
+    fitted = xarray.Dataset({"median_capacity": 3.0}, attrs={"method_of_fit": "stripes"})
+    assert risk._with_search(fitted, analysis)["is_open"].values.tolist() == [False, True, True, False]
+    curve = risk._with_search(fitted.assign_attrs(method_of_fit="capacities"), analysis)
     assert curve["is_open"].values.tolist() == [False, True, False, True]
     np.testing.assert_array_equal(curve["scale"], [3.5, 1.75, 2.5, np.nan])
     np.testing.assert_array_equal(curve["largest_scale"], [4.0, 0.5, 2.0, 4.0])
@@ -659,7 +755,7 @@ def test_derivatives_of_forces_of_a_column_that_carries_nothing(tmp_path, monkey
     """The top joint has no dead load. The dead load of the bottom joint is the weight of the column."""
     file = FILE.replace("beam_mass = 60e3\n", "")
     problem = read(tmp_path, f'[[checks]]\nkind = "{kind}"\nlimit = 0.5\n', file)
-    slopes = np.array([[0.1, -0.2, 0.0, 0.3], [0.0] * 4])
+    slopes = np.array([[0.1, -0.2, 0.0, 0.05, 0.3], [0.0] * 5])
     monkeypatch.setattr(
         peaks, "scene_answers", lambda *_: {kind.replace("-", "_"): (np.array([0.9, 0.0]), slopes)}
     )

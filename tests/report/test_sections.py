@@ -28,7 +28,7 @@ from rockjax._report.sections.common import column_offsets, in_page_units, in_pa
 from rockjax._report.sections.force_equations import contact_area, in_weights, total_weight
 from rockjax._report.sections.structure import column_count
 from rockjax._report.store import Store
-from rockjax._report.tables import plain
+from rockjax._report.tables import Quantity, format_number, plain
 from rockjax._report.units import Units
 
 
@@ -168,7 +168,8 @@ def test_pictures_have_the_units_of_the_page():
 
 def test_derivatives_of_the_summary_have_two_digits():
     numbers = {-54.27: "−54", 9.996: "+10", 0.99999: "+1.0", -0.0456: "−0.046", 120.0: "+120", 0.0: "+0.0"}
-    assert {y: summary._two_digits(y) for y in numbers} == numbers
+    units = Units.si(9.81)
+    assert {y: format_number(Quantity(y, "derivative"), units) for y in numbers} == numbers
 
 
 def made_history():

@@ -58,6 +58,7 @@ def evaluation_of(names):
         options=rj.Options(),
         joints=SimpleNamespace(friction=0.6),
         story_heights=np.array([30.0]),
+        missing_positions="",
     )
     outcomes = {"set": {y.id: y.test(scenes.problem, data) for y in ASSUMPTIONS[:1] + ASSUMPTIONS[6:]}}
     return SimpleNamespace(scenes=scenes, problem=scenes.problem, checks=(), assumptions=outcomes)
@@ -105,7 +106,9 @@ def test_assumptions_in_scenes_that_did_not_finish():
     assert (outcome.worst, outcome.unfinished) == (pytest.approx(0.25), 2)
     row = assumptions._row(next(y for y in ASSUMPTIONS if y.id == "A7"), evaluation)
     assert row[3].text == "undecided"
-    assert row[4].text == "set: least axial force 0.25 m_c g of a column; 2 of 3 scenes did not finish."
+    text = plain(row[4].text, Units.si(9.81))
+    assert text == "set: least axial force 0.2500 m_c g of a column; 2 of 3 scenes did not finish."
+    assert [part.value for part in row[4].text if isinstance(part, Quantity)] == [outcome.worst, 2, 3]
     for outcome in (
         evaluation_of(("weightless", "out_of_steps")).assumptions["set"][y] for y in ("A7", "A9")
     ):
@@ -122,7 +125,7 @@ def test_assumptions_that_were_not_tested_in_every_set():
     assert row_of("A1", evaluation)[3].text == "holds"
     evaluation.assumptions["strong"] = {"A1": reason}
     assert row_of("A1", evaluation)[3].text == "not tested in every set"
-    assert row_of("A1", evaluation)[4].text.endswith(f" strong: {reason}")
+    assert plain(row_of("A1", evaluation)[4].text, Units.si(9.81)).endswith(f" strong: {reason}")
     evaluation.assumptions = {name: {"A1": reason} for name in ("set", "strong")}
     assert [cell.text for cell in row_of("A1", evaluation)[3:]] == ["not tested", reason]
 
@@ -160,13 +163,18 @@ def test_weightless_scenes_violate_and_unfinished_scenes_may_violate():
 
 def test_checks_that_other_laws_do_not_repeat_are_named():
     def check(name, result, laws):
-        return SimpleNamespace(id=name, values=(), result=result, laws=laws)
+        kind = SimpleNamespace(no_laws="samples take long")
+        return SimpleNamespace(id=name, values=(), result=result, laws=laws, kind=kind)
 
     made = [check("C1", "NOT VALID", {"paper": (0.4, "PASS")}), check("C2", "FAIL", {})]
     texts = {"set": {"A6": "Checks are repeated."}}
     for checks, word, text in (
         (made[:1], "makes no difference", "Results that change: none."),
-        (made, "no difference in the repeated checks", "Results that change: none. Not repeated: C2."),
+        (
+            made,
+            "no difference in the repeated checks",
+            "Results that change: none. Not repeated, because samples take long: C2.",
+        ),
         (made[1:], "not tested", "No check was repeated."),
         ([check("C1", "FAIL", {"paper": (0.4, "PASS")})], "matters", "Results that change: C1."),
     ):
@@ -258,7 +266,7 @@ def test_blocks_that_did_not_finish():
     entry = SimpleNamespace(motions="set", arguments={"contents": {"cabinet": None, "shelf": None}})
     values = kind.values(entry, scenes)
     assert values.values.tolist() == [0.5, math.inf]
-    assert values.texts == ("", "shelf overturned at 2.00 s")
+    assert plain(values.texts[1], Units.si(9.81)) == "shelf overturned at 2.000\N{NO-BREAK SPACE}s"
     assert values.unanswered == ("out_of_steps", "")
     (table,) = kind.tables(entry, values, scenes)
     assert texts_of(table.rows[0])[1:] == ["out of steps", "number"]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import abc
 import dataclasses
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -20,7 +20,7 @@ from rockjax._report.derivatives import SlopesFunction
 from rockjax._report.entry import BOUNDS, CheckKeys, Entry
 from rockjax._report.problem import Problem
 from rockjax._report.scenes import Scenes
-from rockjax._report.tables import Table
+from rockjax._report.tables import Quantity, Table, Text
 from rockjax._report.units import to_si
 from rockjax._responses.estimate import SAFETY
 
@@ -56,8 +56,8 @@ class Values(NamedTuple):
 
     values: np.ndarray
     errors: np.ndarray
-    texts: tuple[str, ...]
-    locations: tuple[str, ...]
+    texts: tuple[Text, ...]
+    locations: tuple[Text, ...]
     unanswered: tuple[str, ...]
     names: tuple[str, ...]
     remark: str = ""
@@ -183,6 +183,7 @@ class Kind(abc.ABC):
     - `needs_motions`: whether the check needs a set of motions; `has_limit`: whether it has a limit
     - `has_one_value`: whether the check has a single value for all motions. Then no motion governs, and no
       statistic applies
+    - `no_laws`: why the check is not evaluated again with other laws of impact; "" if it is
     - `skip_name`: name in `evaluate(skip=…)` that leaves out checks of this kind; "" if there is no such name
     """
 
@@ -195,6 +196,7 @@ class Kind(abc.ABC):
     needs_motions: bool = True
     has_limit: bool = True
     has_one_value: bool = False
+    no_laws: str = ""
     skip_name: str = ""
 
     def start(self, entry: Entry, scenes: Scenes) -> bool:
@@ -228,7 +230,8 @@ class Kind(abc.ABC):
         return self.needs_motions
 
     def limit(self, keys: CheckKeys, quantity: str, g: float) -> float:
-        """Return the limit [SI] of an entry; 1 for kinds without a limit.
+        """Return the limit [SI] of an entry; 1 for kinds without a limit, and NaN for a limit that is a key
+        which the file does not have.
 
         - `keys`: table of the entry; `g`: gravity [m/s²]
         - `quantity`: what the value of the entry measures, one of `units.KINDS`
@@ -249,6 +252,8 @@ class Kind(abc.ABC):
         ((name, value),) = given.items()
         if name not in ("limit", bound):
             raise ValueError(f"{self.name} takes limit or {bound}, got {name}")
+        if isinstance(value, str):
+            return math.nan
         if keys.unit is not None:
             value = to_si(value, keys.unit, quantity, g=g, owner="unit", subject=self.name)
         if not self.is_minimum and value <= 0:
@@ -270,12 +275,17 @@ class Kind(abc.ABC):
     def missing(self, entry: Entry, problem: Problem) -> str:
         """Return a text that states why the check cannot be made and what would make it possible. Return ""
         if the check can be made."""
+        reasons = [
+            f"The file has no {key}, which is the limit of the check."
+            for key in (getattr(entry.keys, name) for name in BOUNDS)
+            if isinstance(key, str)
+        ]
         if entry.keys.vertical and entry.motions and not problem.motions[entry.motions].has_vertical:
-            return (
+            reasons.append(
                 f"Some motions of {entry.motions} have no vertical component; give the set one of the keys "
                 "vertical, vertical_ratio and paired."
             )
-        return ""
+        return " ".join(reasons)
 
     def outputs(self, entry: Entry) -> tuple[str, ...]:
         """Return the outputs that the check needs from the scenes of its set of motions."""
@@ -327,21 +337,16 @@ class Kind(abc.ABC):
         """True if the check is evaluated again with changed inputs."""
         return False
 
-    @property
-    def has_laws(self) -> bool:
-        """True if the check is evaluated again with other laws of impact."""
-        return self.has_variants
-
     # --------------------------------------------------------------------------------------------------- page
-    def scope(self, entry: Entry, problem: Problem) -> str:
+    def scope(self, entry: Entry, problem: Problem) -> Text:
         """Return the set of motions and the statistic in words."""
         if not entry.motions:
             return "no motions"
-        count = len(problem.motions[entry.motions])
+        count = Quantity(len(problem.motions[entry.motions]), "count")
         words = STATISTICS_OF_MINIMA if self.is_minimum else STATISTICS
-        return f"{entry.motions}, " + (
-            f"all {count} motions" if self.has_one_value else f"{words[entry.keys.statistic]} of {count}"
-        )
+        if self.has_one_value:
+            return f"{entry.motions}, all ", count, " motions"
+        return f"{entry.motions}, {words[entry.keys.statistic]} of ", count
 
     def tables(self, entry: Entry, values: Values, scenes: Scenes) -> list[Table]:
         """Return tables with the details of a check. If several checks return tables of the same name, the
@@ -349,15 +354,15 @@ class Kind(abc.ABC):
         del entry, values, scenes
         return []
 
-    def notices(self, entry: Entry, scenes: Scenes) -> Iterator[str]:
+    def notices(self, entry: Entry, scenes: Scenes) -> Iterator[Text]:
         """Yield notices for the top of the page."""
         del entry, scenes
         yield from ()
 
 
-def overturned_at(time: float) -> str:
+def overturned_at(time: float) -> Text:
     """Return the text of a value that is infinite because something overturned at a time [s]."""
-    return f"overturned at {time:.2f} s".replace("-", "−")
+    return "overturned at ", Quantity(time, "time")
 
 
 def with_texts(
@@ -366,7 +371,7 @@ def with_texts(
     data: Any,
     values: np.ndarray,
     errors: np.ndarray,
-    locations: list[str],
+    locations: Sequence[Text],
     is_minimum: bool,
 ) -> Values:
     """Return the `Values` of n scenes. A text replaces the value of a scene in which the columns overturn. If
@@ -378,7 +383,8 @@ def with_texts(
     - `values`, `errors`, `locations`: fields of `Values`, (n,)
     - `is_minimum`: whether the value must be at least the limit
     """
-    texts, states, unanswered = [], [], unanswered_scenes(data)
+    texts: list[Text] = []
+    states, unanswered = [], unanswered_scenes(data)
     worst = -np.inf if is_minimum else np.inf
     values = np.array(values, float)
     for k, is_overturned in enumerate(np.asarray(data["overturned"])):

@@ -18,7 +18,7 @@ from rockjax._report.derivatives import SlopesFunction, slopes_of
 from rockjax._report.entry import CheckKeys, Entry
 from rockjax._report.problem import Problem
 from rockjax._report.scenes import Scenes
-from rockjax._report.tables import Column, Table, TextCell
+from rockjax._report.tables import Column, Table, TextCell, joined
 from rockjax._responses.on_floors import as_systems
 from rockjax._responses.simulate import peak_response
 from rockjax._structures import Podium
@@ -88,7 +88,8 @@ class FloorKind(Kind):
             # `with_texts` gives this state to every infinite value. Here the block has overturned.
             if states[k] == "joint opens":
                 time = float(data["contents_overturn_time"].values[k, worst[k]])
-                texts[k], states[k] = f"{locations[k]} {overturned_at(time)}", "overturned"
+                texts[k] = joined((locations[k], overturned_at(time)), " ")
+                states[k] = "overturned"
             elif not texts[k] and results.did_not_finish(codes[k]).any():
                 unanswered[k] = results.NAMES[int(codes[k].max())]
             elif not texts[k] and np.isinf(errors[k]):

@@ -17,6 +17,7 @@ from rockjax._report.derivatives import SlopesFunction, scene_answers, slopes_of
 from rockjax._report.entry import Entry
 from rockjax._report.problem import Problem
 from rockjax._report.scenes import Scenes
+from rockjax._report.tables import Quantity, Text
 from rockjax._report.units import kind_of_unit
 from rockjax._structures import Podium
 from rockjax._types import Value
@@ -53,7 +54,11 @@ class PeakKind(Kind):
         return VARIABLES[self.variable][0].axis == JOINTS
 
     def missing(self, entry: Entry, problem: Problem) -> str:
-        reason = super().missing(entry, problem) or self.needs(problem)
+        positions = problem.missing_positions if self.is_of_joints else ""
+        if positions:
+            positions = f"The file has no {positions}, which the forces in the joints of each column need."
+        reasons = super().missing(entry, problem), self.needs(problem), positions
+        reason = " ".join(filter(None, reasons))
         variable, output = VARIABLES[self.variable]
         if not reason and not REGISTRY[output].applies(problem.podium):
             need = "a building with stories" if variable.axis == STORIES else "a superstructure"
@@ -90,7 +95,7 @@ class PeakKind(Kind):
         factors = scenes.factors(variation)
         for name, exponent in self.powers:
             all_values, error = (y * factors.get(name, 1.0) ** exponent for y in (all_values, error))
-        locations = [""] * len(raw)
+        locations: list[Text] = [""] * len(raw)
         if axis is not None and all_values.ndim > 1:  # buildings with a single mode have no axis of modes
             all_values, error, worst = worst_of(all_values, error, self.is_minimum)
             location_names = {
@@ -99,7 +104,8 @@ class PeakKind(Kind):
             }
             locations = [location_names.get(axis, lambda k: f"mode {k + 1}")(int(k)) for k in worst]
         if self.variable == "peak_rotation":
-            locations = [f"{float(t):.3f} s" for t in data["peak_rotation_time"].values]
+            times = data["peak_rotation_time"].values
+            locations = [(Quantity(t, "time"),) if np.isfinite(t) else "" for t in times]
         return with_texts(scenes, entry, data, all_values, error, locations, self.is_minimum)
 
     def slopes_function(self, entry: Entry, scenes: Scenes, case: int) -> SlopesFunction | None:

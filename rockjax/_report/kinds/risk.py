@@ -15,17 +15,16 @@ import numpy as np
 
 from rockjax._boundaries.margin import DEFAULT_WIDTH
 from rockjax._lognormal import Lognormal
-from rockjax._motions.intensity import SA_LABEL
 from rockjax._problem import models
 from rockjax._problem.reading import Reader
 from rockjax._problem.risk import check_structure, fragility_of
 from rockjax._report.cells import number_cell, slug
 from rockjax._report.entry import CheckKeys, Entry
-from rockjax._report.problem import Problem
-from rockjax._report.scales import just_below
+from rockjax._report.problem import RESTITUTION, MotionSet, Problem
+from rockjax._report.scales import just_below, overturning_slopes
 from rockjax._report.scenes import Scenes
 from rockjax._report.store import fingerprint
-from rockjax._report.tables import Column, Table, TextCell
+from rockjax._report.tables import Column, Quantity, Table, Text, TextCell
 from rockjax._report.units import kind_of_unit
 from rockjax._results import did_not_finish
 from rockjax._risk.annual import MIN_EXTRAPOLATED, annual_frequency
@@ -51,7 +50,13 @@ ROUNDING_ALLOWANCE = 1.01
 @dataclasses.dataclass(frozen=True)
 class FragilityKind(Kind):
     """A check of the median overturning intensity of a set: the median of the least intensities at which the
-    motions overturn the columns. The settings are in the table `[fragility]` of the problem file."""
+    motions overturn the columns. The settings are in the table `[fragility]` of the problem file.
+
+    `other_curves`: end of the message that this table is missing, with other sources of a fragility curve
+    """
+
+    other_curves: str = ""
+    no_laws: str = "each law would need a fragility analysis"
 
     def read(self, keys: CheckKeys, reader: Reader, file: models.Problem, podium: Podium) -> dict[str, Any]:
         arguments = super().read(keys, reader, file, podium)
@@ -61,6 +66,12 @@ class FragilityKind(Kind):
         del keys
         return kind_of_unit(unit_of_measure(measure_of_file(file)[0]))
 
+    def missing(self, entry: Entry, problem: Problem) -> str:
+        reasons = [super().missing(entry, problem)]
+        if entry.motions and "fragility" not in problem.given:
+            reasons.append(f"The file has no table [fragility]{self.other_curves}.")
+        return " ".join(filter(None, reasons))
+
     def curve(self, entry: Entry, scenes: Scenes) -> Any:
         """Return the result of `rockjax.fragility` for the set, with the rotations and the boundaries of the
         incremental dynamic analysis, and with three more variables along `record`. `scale` is the least
@@ -69,7 +80,8 @@ class FragilityKind(Kind):
         problem, motions = scenes.problem, scenes.motion_set(str(entry.motions))
         measure = entry.arguments["measure"]
         settings = problem.fragility.model_dump(), measure
-        inputs_hash = fingerprint(problem.podium, motions.identities, problem.options, settings)
+        names = problem.variables
+        inputs_hash = fingerprint(problem.podium, motions.identities, problem.options, settings, names)
         return scenes.store.get(
             f"fragility.{motions.name}.{_label(measure)}",
             inputs_hash,
@@ -92,7 +104,8 @@ class FragilityKind(Kind):
         if "median_sensitivity" not in curve:
             return {}
         slopes = curve["median_sensitivity"]
-        return {str(y): -float(z) for y, z in zip(slopes["parameter"].values, slopes.values, strict=True)}
+        known = zip(slopes["parameter"].values, slopes.values, strict=True)
+        return {_input(str(y)): -float(z) for y, z in known}
 
     def tested_scenes(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
         curve = self.curve(entry, scenes)
@@ -110,9 +123,9 @@ class FragilityKind(Kind):
             rows.append((title, float(curve[name]), kind))
             confidence, bounds = scenes.problem.fragility.confidence, curve["interval"].sel(quantity=name)
             for bound in ("lower", "upper"):
-                rows.append(
-                    (f"{title}, {confidence:.0%} interval, {bound}", float(bounds.sel(bound=bound)), kind)
-                )
+                share = Quantity(confidence, "ratio", is_input=True)
+                label = f"{title}, ", share, f" interval, {bound}"
+                rows.append((label, float(bounds.sel(bound=bound)), kind))
         name = f"fragility-{slug(str(entry.motions))}-{slug(_label(entry.arguments['measure']))}"
         return [_table(name, f"Fragility of the set {entry.motions}", rows)]
 
@@ -121,6 +134,8 @@ class FragilityKind(Kind):
 class AnnualKind(FragilityKind):
     """A check of the annual frequency of overturning, from a hazard curve and a fragility curve. If the table
     `[risk]` gives no fragility curve, the curve is computed from the set of motions."""
+
+    other_curves: str = ", no risk.fragility, and no risk.median and risk.dispersion"
 
     def read(self, keys: CheckKeys, reader: Reader, file: models.Problem, podium: Podium) -> dict[str, Any]:
         arguments = Kind.read(self, keys, reader, file, podium)
@@ -133,9 +148,7 @@ class AnnualKind(FragilityKind):
         if name is None:
             return arguments
         hazard = Hazard.from_file(reader.folder / name, site=file.risk.site).in_si()
-        has_table = "fragility" in file.model_fields_set
-        measure = measure_of_file(file) if has_table else _measure_of_hazard(hazard)
-        return arguments | {"hazard": hazard, "measure": measure}
+        return arguments | {"hazard": hazard, "measure": measure_of_file(file)}
 
     def quantity_of(self, keys: CheckKeys, file: models.Problem) -> str:
         del keys, file
@@ -145,9 +158,10 @@ class AnnualKind(FragilityKind):
         return "curve" not in arguments
 
     def missing(self, entry: Entry, problem: Problem) -> str:
+        reasons = [super().missing(entry, problem)]
         if "hazard" not in entry.arguments:
-            return "The file has no hazard curve; give risk.hazard, or the key hazard of the check."
-        return super().missing(entry, problem)
+            reasons.append("The file has no hazard curve; give risk.hazard, or the key hazard of the check.")
+        return " ".join(filter(None, reasons))
 
     def curve(self, entry: Entry, scenes: Scenes) -> Any:
         given = entry.arguments.get("curve")
@@ -187,7 +201,7 @@ class AnnualKind(FragilityKind):
     def known_slopes(self, entry: Entry, scenes: Scenes) -> dict[str, float]:
         slopes = self._annual(entry, scenes)["sensitivity"]
         known = zip(slopes["parameter"].values, slopes.values, strict=True)
-        return {str(y): float(z) for y, z in known if y not in ("median", "dispersion")}
+        return {_input(str(y)): float(z) for y, z in known if y not in ("median", "dispersion")}
 
     def tested_scenes(self, entry: Entry, scenes: Scenes) -> xarray.Dataset | None:
         return super().tested_scenes(entry, scenes) if entry.motions else None
@@ -197,7 +211,11 @@ class AnnualKind(FragilityKind):
         rows = [
             ("Annual frequency λ_f", float(data["frequency"]), "rate"),
             ("Return period", float(data["return_period"]), "return period"),
-            (f"Probability in {years:g} years", float(data["probability"]), "ratio"),
+            (
+                ("Probability in ", Quantity(years, "return period", is_input=True)),
+                float(data["probability"]),
+                "ratio",
+            ),
             ("Share from beyond the hazard curve", float(data["extrapolated"]), "ratio"),
         ]
         for name, value in zip(data["parameter"].values, data["sensitivity"].values, strict=True):
@@ -211,13 +229,14 @@ class AnnualKind(FragilityKind):
         rows = [("Median", median, kind), ("Dispersion", dispersion, "number")]
         return [_table("fragility-given", "Fragility of [risk]", rows), annual]
 
-    def notices(self, entry: Entry, scenes: Scenes) -> Iterator[str]:
+    def notices(self, entry: Entry, scenes: Scenes) -> Iterator[Text]:
         unused = [name for name in ("motions", "vertical") if getattr(entry.keys, name)]
         if unused and not entry.motions:
             yield f"{entry.id} does not use its keys ({', '.join(unused)}): [risk] gives the fragility curve."
         share = float(self._annual(entry, scenes)["extrapolated"])
         if share > MIN_EXTRAPOLATED:
-            yield f"{share:.0%} of the annual frequency of {entry.id} comes from beyond the hazard curve."
+            text = f" of the annual frequency of {entry.id} comes from beyond the hazard curve."
+            yield Quantity(share, "ratio"), text
 
 
 @dataclasses.dataclass(frozen=True)
@@ -254,7 +273,8 @@ class ShareKind(Kind):
         outcomes = map(_outcome_cell, data["overturned"].values, unanswered_scenes(data))
         rows = [(TextCell(name), outcome) for name, outcome in zip(names, outcomes, strict=True)]
         factor = float(entry.arguments.get("intensity", 1.0))
-        caption = f"Motions of the set {entry.motions} × {factor:g}, check {entry.id}"
+        scaled = f"Motions of the set {entry.motions} × ", Quantity(factor, "number", is_input=True)
+        caption = *scaled, f", check {entry.id}"
         return [Table(f"share-{slug(entry.id)}", caption, (Column("Motion"), Column("Columns")), tuple(rows))]
 
 
@@ -269,6 +289,8 @@ def _outcome_cell(is_overturned: bool, unanswered: str) -> TextCell:
 class FailureKind(Kind):
     """A check of the probability that a random motion overturns the columns, estimated by sampling."""
 
+    no_laws: str = "each law would need all samples"
+
     def read(self, keys: CheckKeys, reader: Reader, file: models.Problem, podium: Podium) -> dict[str, Any]:
         arguments = super().read(keys, reader, file, podium)
         if "motion" in arguments:
@@ -282,8 +304,10 @@ class FailureKind(Kind):
         return arguments | ({"limit": ("rotation", ratio)} if ratio is not None and ratio < 1 else {})
 
     def missing(self, entry: Entry, problem: Problem) -> str:
-        del problem
-        return "" if "motion" in entry.arguments else "The check has no random motion; give its key motion."
+        no_motion = (
+            "" if "motion" in entry.arguments else "The check has no random motion; give its key motion."
+        )
+        return no_motion or super().missing(entry, problem)
 
     def _data(self, entry: Entry, scenes: Scenes) -> xarray.Dataset:
         """Return a dataset of the estimated probability: `probability`, `standard_error`, `scenes` (number of
@@ -345,17 +369,16 @@ def measure_of_file(file: models.Problem) -> tuple[str, float | None]:
     return (settings.measure, settings.measure_period) if has_table else ("scale", None)
 
 
+def _input(parameter: str) -> str:
+    """Return the name of an input in the summary: the key under [structure], or the parameter of
+    [fragility]."""
+    return parameter.removeprefix("structure.")
+
+
 def _label(measure: tuple[str, float | None]) -> str:
     """Return the name of an intensity measure with its period, without dots."""
     name, period = measure
     return name if period is None else f"{name}-{period:g}".replace(".", "-")
-
-
-def _measure_of_hazard(hazard: Hazard) -> tuple[str, float | None]:
-    """Return the name and the period [s] of the intensity measure of a hazard curve. The period is None for a
-    measure without one."""
-    match = SA_LABEL.fullmatch(hazard.measure)
-    return ("Sa", float(match["period"])) if match else (hazard.measure, None)
 
 
 def _fragility(scenes: Scenes, name: str, named_measure: tuple[str, float | None]) -> xarray.Dataset:
@@ -383,8 +406,28 @@ def _fragility(scenes: Scenes, name: str, named_measure: tuple[str, float | None
         options=problem.options,
         progress=scenes,
     )
+    if settings.method == "capacities":
+        analysis = _with_sensitivities(analysis, problem, motions)
     curve = fragility(analysis, method=settings.method, confidence=settings.confidence)
     return _with_search(curve, analysis)
+
+
+def _with_sensitivities(analysis: xarray.Dataset, problem: Problem, motions: MotionSet) -> xarray.Dataset:
+    """Return an incremental dynamic analysis with the derivatives of the capacities with respect to the
+    inputs of the structure, beside those with respect to the parameters in `[fragility]`."""
+    names, factors = problem.variables, (analysis["capacity"] / analysis["measure"]).values
+    slopes = np.full((len(names), factors.size), np.nan)
+    for k in np.flatnonzero(np.isfinite(factors)):
+        excitation, factor = motions.excitations[k], float(factors[k])
+        found = overturning_slopes(problem, excitation, factor, problem.options)
+        slopes[:, k] = found[: len(names)] / factor
+    labels = [name if name == RESTITUTION else f"structure.{name}" for name in names]
+    if "sensitivity" in analysis:
+        labels = [*analysis["parameter"].values, *labels]
+        slopes = np.concatenate([analysis["sensitivity"].values, slopes])
+        analysis = analysis.drop_dims("parameter")
+    analysis = analysis.assign(sensitivity=(("parameter", "record"), slopes))
+    return analysis.assign_coords(parameter=labels)
 
 
 def _with_search(curve: xarray.Dataset, analysis: xarray.Dataset) -> xarray.Dataset:
@@ -395,9 +438,14 @@ def _with_search(curve: xarray.Dataset, analysis: xarray.Dataset) -> xarray.Data
     levels, capacity = analysis["intensity"].values, analysis["capacity"].values
     is_finished = ~did_not_finish(analysis["result"].values)
     count = np.logical_and.accumulate(is_finished, axis=1).sum(axis=1)
-    below = levels < np.where(np.isnan(capacity), np.inf, capacity)[:, None]
-    allowed = ROUNDING_ALLOWANCE * DEFAULT_WIDTH * levels[-1]
-    is_open = np.any(~is_finished & below, axis=1) | (analysis["certain_width"].values > allowed)
+    if (
+        curve.attrs["method_of_fit"] == "stripes"
+    ):  # the fit uses the outcomes at all levels, but no capacities
+        is_open = ~is_finished.all(axis=1)
+    else:
+        below = levels < np.where(np.isnan(capacity), np.inf, capacity)[:, None]
+        allowed = ROUNDING_ALLOWANCE * DEFAULT_WIDTH * levels[-1]
+        is_open = np.any(~is_finished & below, axis=1) | (analysis["certain_width"].values > allowed)
     ends = {"scale": capacity, "largest_scale": np.append(0.0, levels)[count]}
     ends = {name: y / analysis["measure"].values for name, y in ends.items()} | {"is_open": is_open}
     drawn = {name: analysis[name] for name in ("peak_rotation", "overturned", "result", "boundaries")}
@@ -421,6 +469,6 @@ def _numbers_of(curve: Any) -> list[float]:
     ]
 
 
-def _table(name: str, caption: str, rows: list[tuple[str, float, str]]) -> Table:
+def _table(name: str, caption: str, rows: list[tuple[Text, float, str]]) -> Table:
     cells = tuple((TextCell(text), number_cell(value, kind)) for text, value, kind in rows)
     return Table(name, caption, (Column("Quantity"), Column("Value")), cells)

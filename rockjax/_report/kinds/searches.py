@@ -29,9 +29,9 @@ from rockjax._report.scales import (
     least_factors,
     start_search,
 )
-from rockjax._report.scenes import Scenes
+from rockjax._report.scenes import Scenes, with_given_restitution
 from rockjax._report.store import fingerprint
-from rockjax._report.tables import Table
+from rockjax._report.tables import Quantity, Table, Text
 from rockjax._structures import Podium, g_tan_alpha
 from rockjax._types import Value
 
@@ -91,17 +91,13 @@ class ScaleKind(Kind):
     def start(self, entry: Entry, scenes: Scenes) -> bool:
         return start_search(scenes, str(entry.motions), self.event)
 
-    @property
-    def has_laws(self) -> bool:
-        return True
-
     def values(self, entry: Entry, scenes: Scenes, law: str | None = None, variation: str = "") -> Values:
         del variation
         data = least_factors(scenes, str(entry.motions), self.event, law)
         values = np.asarray(data["factor"], float)
         ends, is_open = data["end"].values, data["is_open"].values.astype(bool)
         texts = tuple(
-            "" if np.isfinite(y) else f"no {self.event} up to {end:.3g}"
+            "" if np.isfinite(y) else (f"no {self.event} up to ", Quantity(end, "number", is_input=True))
             for y, end in zip(values, ends, strict=True)
         )
         names = scenes.motion_set(str(entry.motions)).names
@@ -151,14 +147,15 @@ class PulseKind(Kind):
         `ratio`, otherwise 1."""
         return g_tan_alpha(podium.alpha, podium.g) if entry.arguments.get("ratio") else jnp.ones(())
 
-    def _amplitudes(self, entry: Entry, scenes: Scenes) -> xarray.Dataset:
+    def _amplitudes(self, entry: Entry, scenes: Scenes, law: str | None = None) -> xarray.Dataset:
         """Return a dataset along `pulse`, in the unit of the limit: the least overturning `amplitude` for
         each period, and the amplitude `end` up to which all scenes finished. The variable `is_open` is True
         if scenes below `amplitude` did not finish. `amplitude` is inf if no searched amplitude overturns the
-        columns."""
+        columns. `law`: law of impact that replaces the law of the structure; None for no change."""
         import xarray
 
-        podium = scenes.problem.podium
+        law = law if law in scenes.laws else None
+        podium = with_given_restitution(scenes.podium(law))
         inputs_hash = fingerprint(podium, entry.arguments, scenes.problem.options.overturn_ratio)
 
         def solve() -> xarray.Dataset:
@@ -171,16 +168,16 @@ class PulseKind(Kind):
             data = {"amplitude": amplitude, "end": end, "is_open": is_open}
             return xarray.Dataset({name: ("pulse", y) for name, y in data.items()})
 
-        return scenes.store.get(f"pulses.{entry.id}", inputs_hash, solve)
+        return scenes.store.get(f"pulses.{entry.id}" + (f".{law}" if law else ""), inputs_hash, solve)
 
     def values(self, entry: Entry, scenes: Scenes, law: str | None = None, variation: str = "") -> Values:
-        del law, variation
-        data = self._amplitudes(entry, scenes)
+        del variation
+        data = self._amplitudes(entry, scenes, law)
         amplitudes, ends, is_open = (data[name].values for name in ("amplitude", "end", "is_open"))
         podium = scenes.problem.podium
         ratios = ends * float(self._unit(entry, podium) / g_tan_alpha(podium.alpha, podium.g))
         texts = tuple(
-            "" if np.isfinite(y) else f"no overturning up to {ratio:.4g} g tan α"
+            "" if np.isfinite(y) else ("no overturning up to ", Quantity(ratio, "number"), " g tan α")
             for y, ratio in zip(amplitudes, ratios, strict=True)
         )
         pulse = entry.arguments["pulse"].__name__
@@ -218,10 +215,10 @@ class PulseKind(Kind):
         options = scenes.options("")
         return scenes.peaks_under(f"boundary.{entry.id}", options, pulses)
 
-    def scope(self, entry: Entry, problem: Problem) -> str:
+    def scope(self, entry: Entry, problem: Problem) -> Text:
         del problem
-        count = len(np.atleast_1d(entry.arguments["T_p"]))
-        return f"{entry.arguments['pulse'].__name__} pulses, least of {count}"
+        count = Quantity(np.size(entry.arguments["T_p"]), "count")
+        return f"{entry.arguments['pulse'].__name__} pulses, least of ", count
 
     def tables(self, entry: Entry, values: Values, scenes: Scenes) -> list[Table]:
         podium = scenes.problem.podium

@@ -12,7 +12,7 @@ from rockjax._report.assumptions import ASSUMPTIONS, Assumption, Outcome
 from rockjax._report.blocks import Paragraph, Section
 from rockjax._report.cells import number_cell
 from rockjax._report.kinds import KINDS
-from rockjax._report.tables import Code, Column, Part, Quantity, Table, Text, TextCell
+from rockjax._report.tables import Code, Column, Part, Quantity, Table, Text, TextCell, joined
 from rockjax._report.units import Units
 
 from .common import surviving_scenes
@@ -82,6 +82,7 @@ def _row(assumption: Assumption, evaluation: Evaluation) -> tuple[TextCell, ...]
         if isinstance(reason, str):
             without.setdefault(reason, []).append(name)
     shown: Text = ()
+    texts: list[Text]
     if assumption.id == "A6":  # the law of impact; the test compares the results of checks under other laws
         result, text = _changes(evaluation)
         texts = [*without, text]
@@ -94,7 +95,7 @@ def _row(assumption: Assumption, evaluation: Evaluation) -> tuple[TextCell, ...]
         # The sets are named unless the reason applies to all of them.
         is_common = len(without) == 1 and not outcomes
         texts += [reason if is_common else f"{', '.join(sets)}: {reason}" for reason, sets in without.items()]
-    shown = shown or " ".join(texts) or "No scene was solved."
+    shown = shown or joined(texts, " ") or "No scene was solved."
     if assumption.id == "A8":
         shown = (*((shown,) if isinstance(shown, str) else shown), *_demands(evaluation))
     return (
@@ -137,9 +138,14 @@ def _changes(evaluation: Evaluation) -> tuple[TextCell, str]:
         for check in repeated
         if any(result != _result_if_valid(check) for _, result in check.laws.values())
     ]
-    others = [check.id for check in made if not check.laws]
+    others: dict[str, list[str]] = {}  # reason for not repeating checks → ids of the checks
+    for check in made:
+        if not check.laws:
+            others.setdefault(check.kind.no_laws, []).append(check.id)
     text = f"Results that change: {', '.join(changed) or 'none'}."
-    text += f" Not repeated: {', '.join(others)}." if others else ""
+    text += "".join(
+        f" Not repeated, because {reason}: {', '.join(names)}." for reason, names in others.items()
+    )
     if changed:
         return TextCell("matters", "violated"), text
     if others:
@@ -201,14 +207,20 @@ def _result_if_valid(check: Check) -> str:
     return "PASS" if check.result == "NOT VALID" else check.result
 
 
-def _sentence(name: str, outcome: Outcome) -> str:
+def _sentence(name: str, outcome: Outcome) -> Text:
     """Return the outcome of a test for the set of motions `name`, as a sentence."""
-    worst = f"{outcome.worst:.3g}" if math.isfinite(outcome.worst) else "without bound"
-    count, scenes = int(np.sum(outcome.violated)), len(outcome.violated)
-    share = f"; violated in {count} of {scenes} scenes" if count else ""
-    unfinished = f"; {outcome.unfinished} of {scenes} scenes did not finish" if outcome.unfinished else ""
-    untested = f"; not tested in {outcome.untested} of {scenes} scenes" if outcome.untested else ""
-    return f"{name}: {outcome.text.format(worst)}{share}{untested}{unfinished}."
+    before, _, after = outcome.text.partition("{}")
+    kind = "count" if isinstance(outcome.worst, int) else "number"
+    worst = Quantity(outcome.worst, kind) if math.isfinite(outcome.worst) else "without bound"
+    parts: list[Part] = [f"{name}: {before}", worst, after]
+    scenes = " of ", Quantity(len(outcome.violated), "count"), " scenes"
+    if outcome.violated.any():
+        parts += ["; violated in ", Quantity(int(np.sum(outcome.violated)), "count"), *scenes]
+    if outcome.untested:
+        parts += ["; not tested in ", Quantity(outcome.untested, "count"), *scenes]
+    if outcome.unfinished:
+        parts += ["; ", Quantity(outcome.unfinished, "count"), *scenes, " did not finish"]
+    return (*parts, ".")
 
 
 def _laws(evaluation: Evaluation) -> Table | None:

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from rockjax._report.blocks import Limit, Section, Summary, SummaryRow
-from rockjax._report.tables import Quantity, Text, TextCell
+from rockjax._report.tables import Quantity, Text, TextCell, joined
 from rockjax._report.units import Units, si_unit
 
 from .instants import Instant, column_text, instant_of_check
@@ -37,7 +37,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
 def _row(check: Check, evaluation: Evaluation) -> SummaryRow:
     scope = check.kind.scope(check.entry, evaluation.problem)
     limit: Limit | TextCell = TextCell("none given", "none")
-    if math.isfinite(check.limit):
+    if check.kind.has_limit and math.isfinite(check.limit):
         comparison = "≥" if check.kind.is_minimum else "≤"
         quantity = Quantity(check.limit, check.entry.quantity, is_input=True)
         limit = Limit(comparison, quantity, check.entry.keys.unit or si_unit(check.entry.quantity))
@@ -71,7 +71,7 @@ def _row(check: Check, evaluation: Evaluation) -> SummaryRow:
         limit,
         utilisation,
         check.result,
-        governs=(_governs(check), *_instant_parts(check, evaluation.problem, instant)),
+        governs=joined((_governs(check), _instant_parts(check, evaluation.problem, instant)), ""),
         sensitivities=_slopes(check),
         spread=_spread(check),
         section=check.kind.section,
@@ -89,20 +89,20 @@ def _value(check: Check, problem: Problem, instant: Instant | None) -> Quantity 
     """
     if not math.isfinite(check.value):
         if check.state == "joint opens" and instant is not None:
-            time = f"{instant.time:.2f}".replace("-", "−")
-            return TextCell(f"{check.text} at {time} s", check.state)
-        return TextCell(check.text, check.state)
+            return TextCell((f"{check.text} at ", Quantity(instant.time, "time")), check.state)
+        return TextCell(check.parts.get("text") or check.text, check.state)
     kind, note = check.entry.quantity, ()
     if check.kind.name == "peak-rotation":
         angle = check.value * float(problem.podium.alpha) * problem.column_enlargement
         note = ("θ = ", Quantity(angle, "angle"))
     if check.values is not None and check.values.interval:
         lower, upper, confidence = check.values.interval
-        note = (f"{confidence:.0%} interval ", Quantity(lower, kind), " to ", Quantity(upper, kind))
+        share = Quantity(confidence, "ratio", is_input=True)
+        note = share, " interval ", Quantity(lower, kind), " to ", Quantity(upper, kind)
     return Quantity(check.value, kind, check.error if check.error > 0 else None, note=note)
 
 
-def _governs(check: Check) -> str:
+def _governs(check: Check) -> Text:
     """Return the governing motion or pulse of a check, the location of the value, and `check.reason`. For a
     quantile between two values, return both motions."""
     names = check.values.names if check.values else ()
@@ -112,7 +112,8 @@ def _governs(check: Check) -> str:
         name = "all (mean)"
     else:
         name = " and ".join(name for name, weight in zip(names, check.weights, strict=True) if weight)
-    return ", ".join(text for text in (name, check.location, check.reason) if text)
+    where, reason = (check.parts.get(y) or getattr(check, y) for y in ("location", "reason"))
+    return joined(text for text in (name, where, reason) if text)
 
 
 def _instant_parts(check: Check, problem: Problem, instant: Instant | None) -> tuple[Any, ...]:
@@ -133,13 +134,7 @@ def _slopes(check: Check) -> Text:
         is_finite = math.isfinite(check.value) and math.isfinite(check.utilisation)
         return check.no_slopes if is_finite else "no finite value"
     largest = sorted(known.items(), key=lambda item: -abs(item[1]))[:SHOWN_SLOPES]
-    return ", ".join(f"{name} {_two_digits(value)}" for name, value in largest)
-
-
-def _two_digits(value: float) -> str:
-    """Return a number with its sign and two significant digits."""
-    decimals = max(0, 1 - int(f"{value:.1e}".partition("e")[2]))
-    return f"{value:+.{decimals}f}".replace("-", "−")
+    return joined((f"{name} ", Quantity(value, "derivative")) for name, value in largest)
 
 
 def _spread(check: Check) -> Text:
