@@ -294,7 +294,7 @@ def format_number(quantity: Quantity, units: Units) -> str:
 
     Numbers have at most four significant digits, and no digits after the first significant digit of the
     error. Inputs have up to six significant digits, without trailing zeros. Counts have no decimals.
-    Derivatives have a sign and two decimals.
+    Derivatives have a sign and two significant digits.
     Utilisations have two decimals, or more if a utilisation other than 1 would be rounded to 1. Utilisations
     of 1000 or more have four significant digits.
     """
@@ -303,7 +303,7 @@ def format_number(quantity: Quantity, units: Units) -> str:
     if quantity.kind == "utilisation":
         return _signed(_utilisation(value))
     if quantity.kind == "derivative":
-        return f"{value:+.2f}".replace("-", "−")
+        return f"{value:+.{max(1 - _exponent(value, 2), 0)}f}".replace("-", "−")
     if digits is None:
         return _signed(f"{value:.0f}")
     if quantity.is_input:

@@ -50,7 +50,7 @@ KINDS = {
     "number": Kind({NO_UNIT: 1.0}, NO_UNIT),
     "count": Kind({NO_UNIT: 1.0}, NO_UNIT, digits=None),
     "utilisation": Kind({NO_UNIT: 1.0}, NO_UNIT),
-    "derivative": Kind({NO_UNIT: 1.0}, NO_UNIT),  # with a sign and two decimals
+    "derivative": Kind({NO_UNIT: 1.0}, NO_UNIT),  # with a sign and two significant digits
 }
 # Unit of an output of scenes, or of a variable in a dataset → kind.
 _KIND_OF_UNIT = {
