@@ -690,7 +690,7 @@ def test_capacities_below_which_scenes_did_not_finish(tmp_path, monkeypatch):
         coords={"intensity": [1.0, 2.0, 4.0]},
     )
     drawn = ("peak_rotation", "overturned", "boundaries")
-    analysis = analysis.assign({name: analysis["result"] for name in drawn})
+    analysis = analysis.assign(dict.fromkeys(drawn, analysis["result"]))
     fitted = xarray.Dataset({"median_capacity": 3.0}, attrs={"method_of_fit": "stripes"})
     assert risk._with_search(fitted, analysis)["is_open"].values.tolist() == [False, True, True, False]
     curve = risk._with_search(fitted.assign_attrs(method_of_fit="capacities"), analysis)
