@@ -28,6 +28,8 @@ from .store import Store, Stored, fingerprint
 if TYPE_CHECKING:
     import xarray
 
+SAMPLES = 4001  # number of uniformly spaced times of a history, in addition to the impacts
+
 
 class Needs(NamedTuple):
     """Outputs and objects that the checks of a set of motions need.
@@ -267,7 +269,8 @@ class Scenes:
     # ---------------------------------------------------------------------------------------------- histories
     def history(self, name: str, motion: int) -> xarray.Dataset:
         """Return the response history under one motion of a set, in the form of
-        [`rockjax.Response.dataset`][]. The history contains joint forces unless `Podium.elevation` is None.
+        [`rockjax.Response.dataset`][]. Its times include the impacts, just after which forces and
+        accelerations often are largest. It contains joint forces unless `Podium.elevation` is None.
 
         - `name`: the set; `motion`: index of the motion in the set
         """
@@ -289,7 +292,8 @@ class Scenes:
         def solve() -> xarray.Dataset:
             self.describe(f"history of {motions.names[motion]}")
             response = simulate(podium, motions.members[motion], options=options)
-            data = response.dataset()
+            times = np.union1d(np.linspace(*response.span, SAMPLES), response.impact_times)
+            data = response.dataset(times)
             return data if podium.elevation is None else with_joints(data, response)
 
         return f"history.{name}.{motion}", inputs_hash, solve

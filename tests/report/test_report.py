@@ -268,6 +268,9 @@ def test_instants_of_governing_forces(report):
     total = mean_force + signs[0] * x / radius**2 * (moment + signs[1] * lever * mean_force)
     assert total == pytest.approx(force.result.value, rel=1e-12)
     assert radius**2 == pytest.approx(32 / 3)
+    history = report.evaluation.scenes.history("pulses", 0)
+    assert history.sizes["impact"]
+    assert np.isin(history["impact_times"], history["time"]).all()
 
 
 def test_steep_derivatives_of_means_are_not_shown(report):
