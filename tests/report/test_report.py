@@ -268,9 +268,11 @@ def test_instants_of_governing_forces(report):
     total = mean_force + signs[0] * x / radius**2 * (moment + signs[1] * lever * mean_force)
     assert total == pytest.approx(force.result.value, rel=1e-12)
     assert radius**2 == pytest.approx(32 / 3)
-    history = report.evaluation.scenes.history("pulses", 0)
-    assert history.sizes["impact"]
-    assert np.isin(history["impact_times"], history["time"]).all()
+    stored = report.evaluation.scenes.store.data
+    histories = [data for name, data in stored.items() if name.startswith("history.")]
+    assert histories
+    assert all(data.sizes["impact"] for data in histories)
+    assert all(np.isin(data["impact_times"], data["time"]).all() for data in histories)
 
 
 def test_steep_derivatives_of_means_are_not_shown(report):
