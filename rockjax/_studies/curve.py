@@ -222,7 +222,7 @@ def _warn_of_unknown_capacities(analysis: xarray.Dataset, is_known: np.ndarray) 
         warnings.warn(
             f"fragility: record {names} is left out of the fit, because the scene at the lowest intensity "
             f"{analysis['intensity'].values[0]:g} did not finish. "
-            f"{explain_failures(analysis['result'].values[~is_known, 0])}",
+            f"{_failures(analysis, (~is_known, 0))}",
             RuntimeWarning,
             stacklevel=3,
         )
@@ -234,6 +234,11 @@ def check_confidence(owner: str, confidence: float | None) -> None:
         raise ValueError(
             f"{owner}: confidence must be in (0, 1), or None for no intervals, got {confidence!r}"
         )
+
+
+def _failures(analysis: xarray.Dataset, index=...) -> str:
+    """Return the result of `explain_failures` for some scenes, or "" if the analysis has no results."""
+    return explain_failures(analysis["result"].values[index]) if "result" in analysis else ""
 
 
 def _describe_type(value) -> str:
@@ -253,8 +258,7 @@ def _fit(method: str, data: _Outcomes, analysis: xarray.Dataset) -> Lognormal:
     if not np.isfinite(fit.median):
         limit_state = analysis.attrs.get("limit_state")
         note = "" if limit_state is None else f" (records with {limit_state} count as overturned)"
-        failures = explain_failures(analysis["result"].values)
-        raise ValueError(f"fragility: {_explain_failure(method, data, failures)}{note}")
+        raise ValueError(f"fragility: {_explain_failure(method, data, _failures(analysis))}{note}")
     return fit
 
 
