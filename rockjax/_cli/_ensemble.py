@@ -127,7 +127,7 @@ def ensemble(request: Request, console: Console, output: Output = "rockjax-ensem
             console.error(explain_failures(each.data["result"]))
 
 
-def _law(text: str) -> Any:
+def _law(text: Any) -> Any:
     """Return a law of impact or a factor. Other texts are returned unchanged; the structure refuses them."""
     try:
         return float(text)

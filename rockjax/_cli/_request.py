@@ -254,9 +254,8 @@ class Request:
         Also sets `MASSES`, as `podium` does."""
         from rockjax._structures import Dimensions
 
-        podium = self.podium()
-        by_dimensions = isinstance(self.problem.structure, models.ByDimensions)
-        return self.reader.structure(self.problem.structure, Dimensions) if by_dimensions else podium
+        podium, given = self.podium(), self.problem.structure
+        return self.reader.structure(given, Dimensions) if isinstance(given, models.ByDimensions) else podium
 
     def contents(self) -> dict[str, rj.Contents]:
         """Return the blocks on floors in the problem file, by name."""
@@ -373,8 +372,8 @@ class Request:
                 f"`rockjax {self.command}` needs motions of one kind, got {counts}; put each kind into a set "
                 f"of its own and choose one by --motion, or choose one motion by --number",
             )
-        is_suite = all(isinstance(member, Motion) for member in members)
-        return Motions(tuple(members)) if is_suite else members
+        suite = tuple(member for member in members if isinstance(member, Motion))
+        return Motions(suite) if len(suite) == len(members) else members
 
 
 class Panels(NamedTuple):

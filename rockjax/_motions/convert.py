@@ -155,8 +155,9 @@ def _flatten(owner: str, value, name: str) -> list[Motion | AbstractExcitation]:
 def pulse_name(motion: AbstractExcitation) -> str | None:
     """Return the class and the parameters of a pulse as its name, such as "Ricker(3, 0.7)". Return None for
     motions with samples, and for traced parameters."""
-    values = [concrete(y) for y in jax.tree.leaves(motion)]
-    if any(y is None or y.ndim for y in values):
+    leaves = [concrete(y) for y in jax.tree.leaves(motion)]
+    values = [y for y in leaves if y is not None and not y.ndim]
+    if len(values) < len(leaves):
         return None
     return f"{type(motion).__name__}({', '.join(f'{float(y):.4g}' for y in values)})"
 

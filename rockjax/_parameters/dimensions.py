@@ -51,8 +51,9 @@ def podium_of(base: Dimensions, values: Mapping[str, Any]) -> Podium:
     if "damping" in flat and not (
         base.stories is None and base.story_masses is None
     ):  # a value for each mode
-        modes = base.podium().superstructure.count
-        flat["damping"] = jnp.repeat(flat["damping"][:, None], modes, axis=1)
+        building = base.podium().superstructure
+        assert building is not None
+        flat["damping"] = jnp.repeat(flat["damping"][:, None], building.count, axis=1)
     make = lambda given: Podium.from_dimensions(**_arguments(base, given)).split_rows()
     podiums = jax.jit(jax.vmap(make))(flat)
     # `replace` checks the podiums, whose values were traced above.

@@ -183,7 +183,7 @@ class Store:
             yield
         except BaseException as error:
             self._stop.set()
-            with contextlib.suppress(OSError if isinstance(error, OSError) else ()):
+            with contextlib.suppress(*[OSError] if isinstance(error, OSError) else []):
                 self.save_unfinished()
             raise
 

@@ -353,7 +353,8 @@ def joined(texts: Iterable[Text], separator: str = ", ") -> Text:
     for text in texts:
         parts += [separator] if parts else []
         parts += [text] if isinstance(text, str) else text
-    return "".join(parts) if all(isinstance(part, str) for part in parts) else tuple(parts)
+    words = [part for part in parts if isinstance(part, str)]
+    return "".join(words) if len(words) == len(parts) else tuple(parts)
 
 
 def plain(text: Text, units: Units) -> str:

@@ -6,6 +6,7 @@ A scene is one podium under one ground motion.
 from __future__ import annotations
 
 import functools
+from typing import Any
 
 import jax
 import numpy as np
@@ -196,15 +197,16 @@ def warn_of_small_restitution(podium: Podium, stacklevel: int) -> None:
         return
     mu = apparent_mass(podium.restrainers)
     given = podium.restitution.e, podium.alpha, *podium.mass_ratios, podium.lam, 0.0 if mu is None else mu
-    e, alpha, *masses = np.broadcast_arrays(*map(np.asarray, given))
+    values: list[Any] = list(np.broadcast_arrays(*map(np.asarray, given)))
+    e, alpha, gamma, eta, lam, mu = values
     sin2 = np.sin(alpha) ** 2
-    eccentricity = impulse_eccentricity(sin2, *masses, e)
+    eccentricity = impulse_eccentricity(sin2, gamma, eta, lam, mu, e)
     is_small = eccentricity > 1 + ROUNDING
     if not np.any(is_small):
         return
     worst = np.unravel_index(np.argmax(np.where(is_small, eccentricity, 0.0)), e.shape)
     where = f" in {int(is_small.sum())} of {e.size} structures; the worst" if e.size > 1 else ""
-    least = CompatibleRestitution().factor(sin2, *masses)[worst]
+    least = np.asarray(CompatibleRestitution().factor(sin2, gamma, eta, lam, mu))[worst]
     warn_about_units(
         f"restitution factor too small for rigid faces{where}: e = {e[worst]:.4g} < {least:.4g}, so the old "
         f"edges would need tension at an impact (impact_eccentricity = {eccentricity[worst]:.3g} > 1); give "

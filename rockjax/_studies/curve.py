@@ -7,7 +7,7 @@ intensity. A record overturns at a level if the record, scaled to this level, ov
 from __future__ import annotations
 
 import warnings
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -236,7 +236,7 @@ def check_confidence(owner: str, confidence: float | None) -> None:
         )
 
 
-def _failures(analysis: xarray.Dataset, index=...) -> str:
+def _failures(analysis: xarray.Dataset, index: Any = ...) -> str:
     """Return the result of `explain_failures` for some scenes, or "" if the analysis has no results."""
     return explain_failures(analysis["result"].values[index]) if "result" in analysis else ""
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -469,6 +469,6 @@ def _numbers_of(curve: Any) -> list[float]:
     ]
 
 
-def _table(name: str, caption: str, rows: list[tuple[Text, float, str]]) -> Table:
+def _table(name: str, caption: str, rows: Sequence[tuple[Text, float, str]]) -> Table:
     cells = tuple((TextCell(text), number_cell(value, kind)) for text, value, kind in rows)
     return Table(name, caption, (Column("Quantity"), Column("Value")), cells)
