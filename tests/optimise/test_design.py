@@ -738,7 +738,7 @@ def test_probability_counts_and_smooths():
         (lambda: optimise.AnnualFrequency(1e-3, HAZARD, MOTIONS), "samples a motion at times t"),
         (
             lambda: optimise.AnnualFrequency(1e-3, OVER_PGD, RECORDS),
-            r"'PGA', 'PGV' or a label such as 'Sa\(0\.5 s\)'",
+            r"PGA, PGV or a label such as 'Sa\(0\.5 s\)', got 'PGD'",
         ),
         (lambda: optimise.OverturningProbability(0.0, MOTIONS), "at_most must be"),
         (lambda: optimise.PeakRotation(TWO, MOTIONS), "limit must be finite"),
