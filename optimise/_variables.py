@@ -19,7 +19,13 @@ from jaxtyping import Array, Float
 
 import rockjax as rj
 from rockjax._parameters import variants
-from rockjax._parameters.registry import ROWS_OF_DIMENSIONS, Parameter, find_clash, numbered_parameter
+from rockjax._parameters.dimensions import (
+    changed_fields,
+    entry_of_list,
+    lists_of_dimensions,
+    parameters_of_dimensions,
+)
+from rockjax._parameters.registry import Parameter, find_clash, numbered_parameter
 from rockjax._structures.dimensions import Dimensions
 from rockjax.internal import DIMENSIONS, Module, array_module, as_float, displayed, find_parameter
 
@@ -210,27 +216,22 @@ def _check_name(owner: str, base: Structure, name: str) -> None:
 
 def _check_dimension(owner: str, base: Dimensions, name: str) -> None:
     """Raise `ValueError` unless `name` denotes a dimension that can vary."""
-    rows = [(entry, getattr(base, entry.attribute_path)) for entry in ROWS_OF_DIMENSIONS.values()]
-    rows = [(entry, row.size) for entry, row in rows if np.ndim(row)]
-    names_of_rows = [entry.name for entry, _ in rows]
-    variable_names = [y.name for y in DIMENSIONS.values() if not y.is_integer and y.name not in names_of_rows]
-    variable_names += [numbered_parameter(entry, k + 1).name for entry, size in rows for k in range(size)]
-    if name not in variable_names:
-        raise ValueError(
-            f"{owner}: vary names {name!r}; dimensions that can vary are {', '.join(variable_names)}"
-        )
+    names = [y for y in parameters_of_dimensions(base) if y not in lists_of_dimensions(base)]
+    is_elastic = base.period is not None or base.story_masses is not None
     if name == "restitution" and isinstance(base.restitution, str):
         raise ValueError(_law_message(owner, base.restitution))
-    if name == "period" and base.period is None:
+    if name == "period" and not is_elastic:
         raise ValueError(
             f"{owner}: vary names 'period', but the superstructure is rigid or absent; give it a period"
         )
-    if name == "top_mass" and array_module(base.top_mass).all(base.top_mass == 0):
-        raise ValueError(f"{owner}: vary names 'top_mass', but top_mass = 0; give a top_mass to start from")
-    if name == "damping" and base.period is None:
+    if name == "damping" and not is_elastic:
         raise ValueError(
             f"{owner}: vary names 'damping', but the podium has no elastic superstructure; give it a period"
         )
+    if name not in names:
+        raise ValueError(f"{owner}: vary names {name!r}; dimensions that can vary are {', '.join(names)}")
+    if name == "top_mass" and array_module(base.top_mass).all(base.top_mass == 0):
+        raise ValueError(f"{owner}: vary names 'top_mass', but top_mass = 0; give a top_mass to start from")
 
 
 def _law_message(owner: str, law) -> str:
@@ -243,42 +244,28 @@ def _law_message(owner: str, law) -> str:
 def parameter(base: Structure, name: str) -> Parameter:
     """Return the parameter that the name of a variable denotes. Raises `KeyError` for an unknown name."""
     if isinstance(base, Dimensions):
-        row, position = _row_entry(name)
-        return DIMENSIONS[name] if row is None else numbered_parameter(row, position)
+        numbered = entry_of_list(name)
+        return DIMENSIONS[name] if numbered is None else numbered_parameter(*numbered)
     entry = find_parameter(name)
     if entry is None:
         raise KeyError(name)
     return entry
 
 
-def _row_entry(name: str) -> tuple[Parameter | None, int]:
-    """Return the row of dimensions and the position in this row, from 1, that the name of a variable denotes:
-    `story_mass_2` denotes position 2 of `story_masses`. Return (None, 0) for a name that denotes no position
-    in a row."""
-    row, _, position = name.rpartition("_")
-    is_in_row = row in ROWS_OF_DIMENSIONS and position.isdecimal()
-    return (ROWS_OF_DIMENSIONS[row], int(position)) if is_in_row else (None, 0)
-
-
 def value_of(base: Structure, name: str):
     """Return the unscaled value of a variable in a structure."""
     if not isinstance(base, Dimensions):
         return variants.read(base, name)
-    row, position = _row_entry(name)
-    return getattr(base, name) if row is None else getattr(base, row.attribute_path)[position - 1]
+    numbered = entry_of_list(name)
+    if numbered is None:
+        return getattr(base, name)
+    entry, position = numbered
+    return getattr(base, entry.attribute_path)[position - 1]
 
 
 def with_variables(base: Structure, values: Mapping[str, Any]) -> Structure:
     """Return a variant of a structure in which some variables have other (unscaled) values."""
     if not isinstance(base, Dimensions):
         return variants.with_values(base, values)
-    changes: dict[str, Any] = {}
-    for name, value in values.items():
-        row, position = _row_entry(name)
-        if row is None:
-            changes[name] = value
-        else:
-            row_values = changes.get(row.attribute_path, getattr(base, row.attribute_path))
-            changes[row.attribute_path] = jnp.asarray(row_values).at[position - 1].set(value)
     with _without_unit_warnings():
-        return base.replace(**changes)
+        return base.replace(**changed_fields(base, values))

@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+class _NotWritten(OSError):
+    """Raised for a file that cannot be written, with the path and the cause in the message."""
+
+
 def write_atomically(path: str | Path, write: Callable[[str], object]) -> Path:
     """Call `write(temporary_name)`, rename the written file to `path`, and return `path`.
 
@@ -32,7 +36,7 @@ def write_atomically(path: str | Path, write: Callable[[str], object]) -> Path:
         # short, because names have at most 255 bytes.
         handle, name = tempfile.mkstemp(prefix=".rockjax-", suffix=path.suffix, dir=path.parent)
     except OSError as error:
-        raise OSError(f"{path} could not be written: {error.strerror}") from error
+        raise _NotWritten(f"{path} could not be written: {error.strerror}") from error
     os.close(handle)
     try:
         write(name)
@@ -43,9 +47,10 @@ def write_atomically(path: str | Path, write: Callable[[str], object]) -> Path:
         os.replace(name, path)
     except BaseException as error:
         Path(name).unlink(missing_ok=True)
-        is_explained = "could not be written" in str(error)  # by the writer of a file within `write`
-        if isinstance(error, OSError | RuntimeError) and not is_explained:  # netCDF raises RuntimeError
-            raise OSError(
+        # `write` may write another file with this function, whose error names that file. netCDF raises
+        # RuntimeError.
+        if isinstance(error, OSError | RuntimeError) and not isinstance(error, _NotWritten):
+            raise _NotWritten(
                 f"{path} could not be written: {getattr(error, 'strerror', None) or error}"
             ) from error
         raise
@@ -59,7 +64,7 @@ def require_writable(path: Path) -> None:
     uses the nearest folder above it that exists.
     """
     if path.is_dir():
-        raise OSError(f"{path} could not be written: it is a folder")
+        raise _NotWritten(f"{path} could not be written: it is a folder")
     folder = path.parent
     while not folder.exists() and folder != folder.parent:
         folder = folder.parent
@@ -67,7 +72,7 @@ def require_writable(path: Path) -> None:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        raise OSError(f"{path} could not be written: {error.strerror}") from None
+        raise _NotWritten(f"{path} could not be written: {error.strerror}") from None
 
 
 @contextlib.contextmanager

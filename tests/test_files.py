@@ -45,6 +45,19 @@ def test_a_failed_write_keeps_the_old_file(tmp_path, error):
         write_atomically(target / "below", fails)
 
 
+def test_the_error_of_a_file_within_another_names_the_file_once(tmp_path):
+    """The error of an inner file is passed on, and a text that resembles it is a cause like any other."""
+
+    def fails(name):
+        raise OSError("its annex could not be written")
+
+    with pytest.raises(OSError, match=r"page could not be written: its annex could not be written$"):
+        write_atomically(tmp_path / "page", fails)
+    with pytest.raises(OSError, match=r"annex could not be written: its annex") as caught:
+        write_atomically(tmp_path / "page", lambda name: write_atomically(tmp_path / "annex", fails))
+    assert "page" not in str(caught.value).removeprefix(str(tmp_path))
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="limits of a process are POSIX")
 def test_a_full_disk_is_reported_and_leaves_no_half_file(tmp_path):

@@ -23,7 +23,6 @@ SLIDING = {"peak_friction": "peak_friction", "peak_impact_friction": "impact_fri
 VARIABLES = (*OPENING, *SLIDING)
 OUTPUTS = ("peak_friction", "axial_force", "impact_friction")
 LIFT_OFF, FRICTION = "whether the beam stays on all columns", "friction in the joints"
-ROUNDING = 1e-9  # allowed rounding error of `Podium.impact_eccentricity` [–]
 
 
 def check_restitution_by_line() -> None:
@@ -50,8 +49,10 @@ def joint_warnings(podium: rj.Podium, peaks: Any, friction: float | None) -> Ite
       In a batch, scenes that overturn or do not finish are ignored. A single scene is always checked
     - `friction`: friction coefficient μ of the joints [–]; None to omit the checks of friction
     """
+    from rockjax._structures.impulses import LARGEST_ECCENTRICITY
+
     eccentricity = float(podium.impact_eccentricity)
-    if eccentricity > 1 + ROUNDING:
+    if eccentricity > LARGEST_ECCENTRICITY:
         yield (
             f"warning: e = {float(podium.restitution_factor):.4g} is too small for rigid faces: at an impact "
             f"the old edges would need tension (impact_eccentricity = {eccentricity:.3g} > 1)"

@@ -13,8 +13,22 @@ from rockjax._structures import Dimensions, Podium
 
 from .registry import DIMENSIONS, ROWS_OF_DIMENSIONS, Parameter, common_factor, numbered_parameter
 
-_LISTS = ("story_masses", "story_stiffnesses", "story_heights", "positions", "top_height")
 _HEIGHTS = ("beam_depth", "top_height", "residual_height")  # need positions
+
+
+def lists_of_dimensions(base: Dimensions) -> dict[str, Parameter]:
+    """Return the fields of a structure by dimensions that are lists of numbers: name of the field, such as
+    `story_masses` → parameter of its numbers."""
+    entries = ROWS_OF_DIMENSIONS.values()
+    return {y.attribute_path: y for y in entries if np.ndim(getattr(base, y.attribute_path))}
+
+
+def entry_of_list(name: str) -> tuple[Parameter, int] | None:
+    """Return the parameter of the numbers of a list and the position in the list, from 1, that a name
+    denotes: `story_mass_2` denotes position 2 of `story_masses`. Return None for other names."""
+    row, _, position = name.rpartition("_")
+    is_in_list = row in ROWS_OF_DIMENSIONS and position.isdecimal()
+    return (ROWS_OF_DIMENSIONS[row], int(position)) if is_in_list else None
 
 
 def parameters_of_dimensions(base: Dimensions) -> dict[str, Parameter]:
@@ -27,11 +41,10 @@ def parameters_of_dimensions(base: Dimensions) -> dict[str, Parameter]:
     left_out |= set(_HEIGHTS) if base.positions is None else set()
     left_out |= {"top_height"} if base.story_heights is not None else set()  # then it must be 0
     entries = {name: y for name, y in DIMENSIONS.items() if not y.is_integer and name not in left_out}
-    for entry in ROWS_OF_DIMENSIONS.values():
-        row = getattr(base, entry.attribute_path)
-        numbered = [numbered_parameter(entry, k + 1) for k in range(len(row) if np.ndim(row) else 0)]
+    lists = lists_of_dimensions(base)
+    for field, entry in lists.items():
+        numbered = [numbered_parameter(entry, k + 1) for k in range(len(getattr(base, field)))]
         entries |= {parameter.name: parameter for parameter in numbered}
-    lists = [name for name in _LISTS if np.ndim(getattr(base, name))]
     return entries | {name: common_factor(name) for name in lists}
 
 
@@ -46,34 +59,45 @@ def podium_of(base: Dimensions, values: Mapping[str, Any]) -> Podium:
     """
     shape = np.broadcast_shapes(*(np.shape(y) for y in values.values()))
     if not shape:
-        return Podium.from_dimensions(**_arguments(base, values))
+        return _with_values(base, values)
     flat = {name: jnp.asarray(np.broadcast_to(y, shape).ravel(), float) for name, y in values.items()}
-    if "damping" in flat and not (
-        base.stories is None and base.story_masses is None
-    ):  # a value for each mode
+    is_building = base.stories is not None or base.story_masses is not None
+    if "damping" in flat and is_building:  # a value for each mode
         building = base.podium().superstructure
         assert building is not None
         flat["damping"] = jnp.repeat(flat["damping"][:, None], building.count, axis=1)
-    make = lambda given: Podium.from_dimensions(**_arguments(base, given)).split_rows()
+    make = lambda given: _with_values(base, given).split_rows()
     podiums = jax.jit(jax.vmap(make))(flat)
     # `replace` checks the podiums, whose values were traced above.
     return jax.tree.map(lambda y: _without_equal_axes(np.asarray(y).reshape(shape)), podiums).replace()
 
 
-def _arguments(base: Dimensions, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the arguments of `Podium.from_dimensions` for a structure with other values."""
-    arguments = {name: getattr(base, name) for name in type(base).__dataclass_fields__}
+def changed_fields(base: Dimensions, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the fields of a structure by dimensions that change, field → new value, if parameters have other
+    values.
+
+    - `values`: name (see `parameters_of_dimensions`) → value. A factor on a list also multiplies the new
+      numbers of this list
+    """
+    changes: dict[str, Any] = {}
+    lists = lists_of_dimensions(base)
     for name, value in values.items():
-        row, _, position = name.rpartition("_")
-        if row in ROWS_OF_DIMENSIONS and position.isdecimal():
-            field = ROWS_OF_DIMENSIONS[row].attribute_path
-            arguments[field] = jnp.asarray(arguments[field]).at[int(position) - 1].set(value)
-        elif name not in _LISTS or not np.ndim(getattr(base, name)):
-            arguments[name] = value
-    for name in _LISTS:
-        if name in values and np.ndim(getattr(base, name)):
-            arguments[name] = jnp.asarray(arguments[name]) * values[name]
-    return arguments
+        entry = entry_of_list(name)
+        if entry is not None:
+            field, position = entry[0].attribute_path, entry[1]
+            changes[field] = jnp.asarray(changes.get(field, getattr(base, field))).at[position - 1].set(value)
+        elif name not in lists:
+            changes[name] = value
+    for name in lists:
+        if name in values:
+            changes[name] = jnp.asarray(changes.get(name, getattr(base, name))) * values[name]
+    return changes
+
+
+def _with_values(base: Dimensions, values: Mapping[str, Any]) -> Podium:
+    """Return the podium of a structure with other values, which may be traced."""
+    fields = {name: getattr(base, name) for name in type(base).__dataclass_fields__}
+    return Podium.from_dimensions(**fields | changed_fields(base, values))
 
 
 def _without_equal_axes(values: np.ndarray) -> np.ndarray:

@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from rockjax import _results as results
+from rockjax._structures.impulses import LARGEST_ECCENTRICITY
 
 if TYPE_CHECKING:
     import xarray
 
     from .problem import Problem
-
-ROUNDING = 1e-9  # allowed rounding error of `Podium.impact_eccentricity` [–]
 
 
 class Outcome(NamedTuple):
@@ -147,7 +146,7 @@ def _sharp_edges(problem: Problem, data: xarray.Dataset) -> Outcome | str:
 def _restitution_laws(problem: Problem, data: xarray.Dataset) -> Outcome | str:
     del data
     note = ""
-    if float(problem.podium.impact_eccentricity) > 1 + ROUNDING:
+    if float(problem.podium.impact_eccentricity) > LARGEST_ECCENTRICITY:
         note = (
             " The given factor is too small for rigid faces: at an impact the old edges would need tension."
         )

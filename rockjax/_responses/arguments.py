@@ -27,7 +27,7 @@ from rockjax._options import Options
 from rockjax._restrainers.combined import apparent_mass
 from rockjax._results import REST, State
 from rockjax._structures import STANDARD_GRAVITY, Podium
-from rockjax._structures.impulses import impulse_eccentricity
+from rockjax._structures.impulses import LARGEST_ECCENTRICITY, impulse_eccentricity
 from rockjax._structures.modes import repeat_scalar, split_row, with_fields
 from rockjax._structures.restitution import CompatibleRestitution, GivenRestitution
 from rockjax._unit_warnings import warn_about_units
@@ -181,9 +181,6 @@ def warn_of_amplitude_in_g(owner: str, podium: Podium, excitation: AbstractExcit
         )
 
 
-ROUNDING = 1e-9  # allowed rounding error of the eccentricity ξ_J
-
-
 def warn_of_small_restitution(podium: Podium, stacklevel: int) -> None:
     """Warn of given restitution factors below that of rigid faces, (C13) of docs/equations.md.
 
@@ -201,7 +198,7 @@ def warn_of_small_restitution(podium: Podium, stacklevel: int) -> None:
     e, alpha, gamma, eta, lam, mu = values
     sin2 = np.sin(alpha) ** 2
     eccentricity = impulse_eccentricity(sin2, gamma, eta, lam, mu, e)
-    is_small = eccentricity > 1 + ROUNDING
+    is_small = eccentricity > LARGEST_ECCENTRICITY
     if not np.any(is_small):
         return
     worst = np.unravel_index(np.argmax(np.where(is_small, eccentricity, 0.0)), e.shape)

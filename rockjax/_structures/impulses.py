@@ -11,6 +11,8 @@ from typing import NamedTuple
 
 from rockjax._types import Number
 
+LARGEST_ECCENTRICITY = 1 + 1e-9  # largest ξ_J of impacts between rigid faces, 1, with rounding errors [–]
+
 
 class Impulses(NamedTuple):
     """Impulses of the mean column if θ > 0 (σ = +1) before the impact, divided by m_c and the impact speed,

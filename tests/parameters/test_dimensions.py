@@ -7,6 +7,7 @@ from scipy import stats
 
 import optimise
 import rockjax as rj
+from optimise._variables import make_variables, value_of
 from rockjax._parameters.dimensions import parameters_of_dimensions, podium_of
 
 COLUMNS = {
@@ -72,6 +73,28 @@ def test_every_parameter_gives_the_podium_of_its_value(given, left_out):
         for found, leaf in zip(jax.tree.leaves(batch), expected, strict=True):
             picked = np.asarray(found)[k] if np.ndim(found) else found
             np.testing.assert_allclose(picked, leaf, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("given", "names"),
+    [
+        (BUILDING, ["width", "story_mass_2", "story_height_1", "position_1", "damping", "beam_depth"]),
+        (SWAYING, ["height", "top_mass", "period", "damping", "position_3", "top_height", "tendon_force"]),
+    ],
+    ids=["stories", "period"],
+)
+def test_designs_vary_the_same_dimensions_as_grids(given, names):
+    base = optimise.Dimensions(**given)
+    originals = {name: float(value_of(base, name)) for name in names}
+    variables = make_variables(base, {name: tuple(sorted((y, 1.1 * y))) for name, y in originals.items()})
+    x = np.linspace(0.2, 0.8, len(names))
+    expected = podium_of(base, dict(zip(names, variables.values(x), strict=True)))
+    for found, leaf in zip(
+        *(jax.tree.leaves(y.split_rows()) for y in (variables.podium(x), expected)), strict=True
+    ):
+        np.testing.assert_allclose(found, leaf, rtol=1e-14)
+    with pytest.raises(ValueError, match=r"vary names 'positions'; dimensions that can vary are width, .*"):
+        make_variables(base, {"positions": (0.9, 1.1)})
 
 
 def test_grids_of_kilograms():

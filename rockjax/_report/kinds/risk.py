@@ -304,10 +304,9 @@ class FailureKind(Kind):
         return arguments | ({"limit": ("rotation", ratio)} if ratio is not None and ratio < 1 else {})
 
     def missing(self, entry: Entry, problem: Problem) -> str:
-        no_motion = (
-            "" if "motion" in entry.arguments else "The check has no random motion; give its key motion."
-        )
-        return no_motion or super().missing(entry, problem)
+        if "motion" not in entry.arguments:
+            return "The check has no random motion; give its key motion."
+        return super().missing(entry, problem)
 
     def _data(self, entry: Entry, scenes: Scenes) -> xarray.Dataset:
         """Return a dataset of the estimated probability: `probability`, `standard_error`, `scenes` (number of
@@ -438,9 +437,8 @@ def _with_search(curve: xarray.Dataset, analysis: xarray.Dataset) -> xarray.Data
     levels, capacity = analysis["intensity"].values, analysis["capacity"].values
     is_finished = ~did_not_finish(analysis["result"].values)
     count = np.logical_and.accumulate(is_finished, axis=1).sum(axis=1)
-    if (
-        curve.attrs["method_of_fit"] == "stripes"
-    ):  # the fit uses the outcomes at all levels, but no capacities
+    if curve.attrs["method_of_fit"] == "stripes":
+        # The fit uses the outcomes at all levels, but no capacities.
         is_open = ~is_finished.all(axis=1)
     else:
         below = levels < np.where(np.isnan(capacity), np.inf, capacity)[:, None]
