@@ -33,7 +33,7 @@ from rockjax._practice.block import Block
 from rockjax._practice.circolare import SLV, Mechanism
 from rockjax._practice.roots import HIGHEST, LOWEST
 from rockjax._practice.spectra import spectrum
-from rockjax._practice.spectral_uplift import _modes as modes_of
+from rockjax._practice.spectral_uplift import modes_of
 from rockjax._results import code_of, did_not_finish
 
 from .measure import G, options, show, store_rows, stored_rows

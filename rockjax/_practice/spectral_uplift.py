@@ -22,14 +22,14 @@ def effective_acceleration(podium: Podium, motion: Motion) -> float:
     - `motion`: ground motion
     """
     gamma, eta = map(float, podium.mass_ratios)
-    eta_i, T_i, zeta_i = _modes(podium)
+    eta_i, T_i, zeta_i = modes_of(podium)
     vibrating = 0.0
     if T_i.size:
         vibrating = 2 * float(eta_i @ spectrum(motion, T_i, zeta_i, "acceleration"))
     return ((1 + 2 * gamma) * motion.pga + vibrating) / (1 + 2 * gamma + 2 * eta)
 
 
-def _modes(podium: Podium) -> np.ndarray:
+def modes_of(podium: Podium) -> np.ndarray:
     """Return η_i [–], T_i [s] and ζ_i [–] of the fixed-base modes, shape (3, modes)."""
     superstructure = podium.superstructure
     oscillators = None if superstructure is None else superstructure.oscillators
@@ -57,7 +57,7 @@ class SpectralUplift(AbstractMethod):
     )
 
     def obstacles(self, case: Case) -> tuple[str, ...]:
-        if np.any(_modes(case.podium)[2] >= 1):
+        if np.any(modes_of(case.podium)[2] >= 1):
             return ("response spectra need damping ratios of the superstructure below 1",)
         return ()
 

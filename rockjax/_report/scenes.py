@@ -28,8 +28,6 @@ from .store import Store, Stored, fingerprint
 if TYPE_CHECKING:
     import xarray
 
-SAMPLES = 4001  # number of uniformly spaced times of a history, in addition to the impacts
-
 
 class Needs(NamedTuple):
     """Outputs and objects that the checks of a set of motions need.
@@ -282,7 +280,7 @@ class Scenes:
 
     def stored_history(self, name: str, motion: int) -> Stored:
         """Return the arguments of `Store.get` for a history."""
-        from rockjax._responses.response import with_joints
+        from rockjax._responses.response import HISTORY_SAMPLES, with_joints
         from rockjax._responses.simulate import simulate
 
         motions, podium = self.motion_set(name), self.problem.podium
@@ -292,7 +290,7 @@ class Scenes:
         def solve() -> xarray.Dataset:
             self.describe(f"history of {motions.names[motion]}")
             response = simulate(podium, motions.members[motion], options=options)
-            times = np.union1d(np.linspace(*response.span, SAMPLES), response.impact_times)
+            times = np.union1d(np.linspace(*response.span, HISTORY_SAMPLES), response.impact_times)
             data = response.dataset(times)
             return data if podium.elevation is None else with_joints(data, response)
 

@@ -33,6 +33,8 @@ from .peak import AbstractPeak, own_axis, peak_variables
 if TYPE_CHECKING:
     import xarray
 
+HISTORY_SAMPLES = 4001  # number of equally spaced times of a history, from the start to the end of the scene
+
 # Unit and description of each series.
 _SERIES = {
     "theta": ("rad", "rotation of the columns θ"),
@@ -277,8 +279,8 @@ class Response(AbstractPeak):
             return jax.tree.map(lambda y: y.reshape(t.shape) if y.ndim else y, energies)
 
     def dataset(self, t: Float[ArrayLike, " times"] | None = None) -> xarray.Dataset:
-        """Return the history as a dataset, at times t [s], shape (n,); by default at 4001 times from start to
-        end of `span`.
+        """Return the history as a dataset, at times t [s], shape (n,); by default at `HISTORY_SAMPLES` times
+        from start to end of `span`.
 
         Variables with the dim `time` are the states, the deformation, the ground acceleration, the contact
         mode, the restoring moment and the energies. An elastic building also has drifts and floor
@@ -289,7 +291,7 @@ class Response(AbstractPeak):
         1-D.
         """
         if t is None:
-            t = np.linspace(*self.span, 4001)
+            t = np.linspace(*self.span, HISTORY_SAMPLES)
         t = np.asarray(t, float)
         if t.ndim != 1:
             raise ValueError(f"Response.dataset: t must be a 1-D array of times, got shape {t.shape}")

@@ -140,6 +140,15 @@ def test_factors_on_the_governing_motion_are_drawn():
     assert "left out: 1 of 4 scenes, which did not finish" in texts
 
 
+@pytest.mark.parametrize("last", [1.2, 1.65, 3.2, 10.0])
+def test_factors_of_the_picture_include_the_motion_as_given(last):
+    factors = rocking._factors_up_to(last)
+    assert factors.size == rocking.FACTORS
+    assert 1.0 in factors
+    assert factors[-1] == last
+    assert np.all(np.diff(factors) > 0.4 * last / factors.size)
+
+
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
@@ -411,8 +420,13 @@ def test_columns_are_measured_from_their_mean(eight_storeys):
     assert contact_area(eight_storeys) == pytest.approx(0.135)
 
 
-def test_derivatives_that_are_not_known_are_left_out():
+def test_derivatives_that_are_unknown_or_rounding_errors_are_left_out():
     check = SimpleNamespace(value=1.0, utilisation=0.5, no_slopes="no derivative")
-    for known, text in (({"gamma": 0.5}, "gamma +0.50"), ({}, "no derivative")):
+    rounding = {"column_mass": -3e-12}
+    for known, text in (
+        ({"gamma": 0.5} | rounding, "gamma +0.50"),
+        (rounding, "all derivatives are 0"),
+        ({}, "no derivative"),
+    ):
         check.sensitivities = {"alpha": float("nan")} | known
         assert plain(summary._slopes(check), Units.si(9.81)) == text

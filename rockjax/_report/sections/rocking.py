@@ -212,7 +212,7 @@ def _factors(evaluation: Evaluation, name: str, k: int) -> Figure | Paragraph:
     }
     factor, end = float(windows["factor"]), float(windows["end"])
     last = max(1.2, *(1.1 * y for y in limits.values()), BEYOND * factor if np.isfinite(factor) else end)
-    factors = np.linspace(0, min(last, MAX_SCALE), FACTORS + 1)[1:]
+    factors = _factors_up_to(min(last, MAX_SCALE))
     # The outputs are those of other scenes of the set, which have a compiled program.
     outputs = tuple(y for y in scenes.outputs(name) if y != "errors")
     options = scenes.options(name).replace(outputs=outputs)
@@ -233,6 +233,15 @@ def _factors(evaluation: Evaluation, name: str, k: int) -> Figure | Paragraph:
     inputs = [windows[y].values for y in sorted(map(str, windows.data_vars))], factors, options, limits
     structure = scenes.problem.podium, motions.identities[k], motions.names[k], name
     return stored_figure(evaluation, "factors", (inputs, structure), draw)
+
+
+def _factors_up_to(last: float) -> np.ndarray:
+    """Return `FACTORS` factors up to `last` > 1 in equal steps, (FACTORS,). The factor nearest to 1 is
+    replaced by 1, because the rotation under a factor near 1 may differ much from that under the motion as
+    given."""
+    factors = np.linspace(0, last, FACTORS + 1)[1:]
+    factors[np.argmin(np.abs(factors - 1))] = 1.0
+    return factors
 
 
 def _windows_text(windows: xarray.Dataset) -> str:

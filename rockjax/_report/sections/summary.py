@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from rockjax._report.problem import Problem
 
 SHOWN_SLOPES = 4  # largest number of derivatives that a row of the summary shows
+LEAST_SLOPE = 1e-9  # derivatives d ln U/d ln y with absolute values up to this number are rounding errors [–]
 _NOTE = (
     "U is value/limit, or limit/value where the limit is a minimum. Errors are estimates of the numerical "
     "error; for sampled probabilities, they are standard errors. If columns or contents overturn under "
@@ -127,13 +128,16 @@ def _instant_parts(check: Check, problem: Problem, instant: Instant | None) -> t
 
 
 def _slopes(check: Check) -> Text:
-    """Return the derivatives of a check with the largest absolute values, or the reason why there are
-    none."""
+    """Return the derivatives of a check with the largest absolute values, or the reason why there are none.
+    Rounding errors of derivatives that are 0 are left out."""
     known = {name: value for name, value in check.sensitivities.items() if math.isfinite(value)}
     if not known:
         is_finite = math.isfinite(check.value) and math.isfinite(check.utilisation)
         return check.no_slopes if is_finite else "no finite value"
-    largest = sorted(known.items(), key=lambda item: -abs(item[1]))[:SHOWN_SLOPES]
+    nonzero = [item for item in known.items() if abs(item[1]) > LEAST_SLOPE]
+    largest = sorted(nonzero, key=lambda item: -abs(item[1]))[:SHOWN_SLOPES]
+    if not largest:
+        return "all derivatives are 0"
     return joined((f"{name} ", Quantity(value, "derivative")) for name, value in largest)
 
 
