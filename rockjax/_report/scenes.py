@@ -63,6 +63,7 @@ class Scenes:
         # Cached, because checks and sections ask for the same structures and scenes many times.
         self.podium, self.peaks = functools.cache(self._podium), functools.cache(self._peaks)
         self._stored_peaks = functools.cache(self._make_stored_peaks)
+        self._stored_finer_peaks = functools.cache(self._make_stored_finer_peaks)
         self._stored_variations = functools.cache(self._make_stored_variations)
 
     def describe(self, text: str) -> None:
@@ -144,27 +145,50 @@ class Scenes:
         """
         if variation:
             return self.store.get(*self._stored_variations(name, factor)).sel(variant=variation)
-        return self.store.get(*self._stored_peaks(name, law if law in self.laws else None, factor))
+        law = law if law in self.laws else None
+        data = self.store.get(*self._stored_peaks(name, law, factor))
+        if not self.on_floors(name):
+            return data
+        return _with_floor_errors(data, self.store.get(*self._stored_finer_peaks(name, law, factor)))
 
     def _make_stored_peaks(self, name: str, law: str | None, factor: float) -> Stored:
         """Return the arguments of `Store.get` for the peaks of a set. The inputs of the structure are
         unchanged; `law` may replace its law of impact."""
-        motions, options, on_floors = self.motion_set(name), self.options(name), self.on_floors(name)
+        return self._stored_solution("peaks", self.options(name), name, law, factor)
+
+    def _make_stored_finer_peaks(self, name: str, law: str | None, factor: float) -> Stored:
+        """Return the arguments of `Store.get` for the second solution of the scenes of a set, which estimates
+        the errors of blocks and oscillators on floors. It is a dataset of its own, so that an interruption of
+        the second solution keeps the first."""
+        options = second_options(self.options(name)).replace(outputs=("peak_rotation",))
+        label, inputs_hash, solve = self._stored_solution("finer", options, name, law, factor)
+        return label, inputs_hash, lambda: _of_floors(solve())
+
+    def _stored_solution(
+        self, label: str, options: Options, name: str, law: str | None, factor: float
+    ) -> Stored:
+        """Return the arguments of `Store.get` for a solution of the scenes of a set.
+
+        - `label`: first part of the name in the store; `options`: options of the scenes
+        - `name`, `law`, `factor`: as for `_peaks`
+        """
+        motions, on_floors = self.motion_set(name), self.on_floors(name)
         podium = with_given_restitution(self.podium(law))
         inputs_hash = fingerprint(podium, motions.identities, options, on_floors, factor)
 
         def solve() -> xarray.Dataset:
             self.describe(f"scenes of {name}" + (f" with the law {law}" if law else ""))
-            data = self.solve(podium, motions.scaled(factor), options, ("motion",), on_floors)
-            return self._with_floor_errors(data, podium, motions.scaled(factor), options, on_floors)
+            return self.solve(podium, motions.scaled(factor), options, ("motion",), on_floors)
 
-        return f"peaks.{name}{f'.{law}' if law else ''}{_suffix(factor)}", inputs_hash, solve
+        return f"{label}.{name}{f'.{law}' if law else ''}{_suffix(factor)}", inputs_hash, solve
 
     def start_variants(self, name: str) -> None:
         """Start to solve the scenes of a set with other laws of impact and with changed inputs, in other
         threads."""
         for law in self.laws:
             self.store.start(*self._stored_peaks(name, law, 1.0))
+            if self.on_floors(name):
+                self.store.start(*self._stored_finer_peaks(name, law, 1.0))
         if self.variations:
             self.store.start(*self._stored_variations(name, 1.0))
 
@@ -186,36 +210,6 @@ class Scenes:
             return data.assign_coords(variant=list(self.variations))
 
         return f"variations.{name}{_suffix(factor)}", inputs_hash, solve
-
-    def _with_floor_errors(
-        self,
-        data: xarray.Dataset,
-        podium: Podium,
-        excitations: Any,
-        options: Options,
-        on_floors: dict[tuple[str, str], Any],
-    ) -> xarray.Dataset:
-        """Add the estimated errors of blocks and oscillators on floors to peaks, and return the peaks.
-
-        The error is the difference from a second solution. If a block overturns in only one of the two
-        solutions, the error of its rotation is inf.
-
-        - `data`: dataset of the peaks, along `motion`
-        - `podium`, `excitations`, `options`, `on_floors`: structure, motions, options, and objects on floors
-          of the scenes
-        """
-        if not on_floors:
-            return data
-        finer = second_options(options).replace(outputs=("peak_rotation",))
-        other = self.solve(podium, excitations, finer, ("motion",), on_floors)
-        for name in ("contents_peak_rotation", "oscillator_pseudo_acceleration"):
-            if name in data:
-                error = np.abs(data[name].values - other[name].values)
-                if name.startswith("contents"):
-                    differs = data["contents_overturned"].values != other["contents_overturned"].values
-                    error = np.where(differs, np.inf, error)
-                data[f"{name}_error"] = data[name].dims, error
-        return data
 
     def solve(
         self,
@@ -295,6 +289,31 @@ class Scenes:
             return data if podium.elevation is None else with_joints(data, response)
 
         return f"history.{name}.{motion}", inputs_hash, solve
+
+
+_FLOOR_PEAKS = ("contents_peak_rotation", "oscillator_pseudo_acceleration")  # peaks with estimated errors
+
+
+def _of_floors(data: xarray.Dataset) -> xarray.Dataset:
+    """Return the variables of the second solution that estimate the errors of blocks and oscillators."""
+    return data[[name for name in (*_FLOOR_PEAKS, "contents_overturned") if name in data]]
+
+
+def _with_floor_errors(data: xarray.Dataset, other: xarray.Dataset) -> xarray.Dataset:
+    """Return peaks with the estimated errors of blocks and oscillators on floors.
+
+    The error is the difference from the second solution `other`. If a block overturns in only one of the two
+    solutions, the error of its rotation is inf.
+    """
+    errors: dict[str, Any] = {}
+    for name in _FLOOR_PEAKS:
+        if name in data:
+            error = np.abs(data[name].values - other[name].values)
+            if name.startswith("contents"):
+                differs = data["contents_overturned"].values != other["contents_overturned"].values
+                error = np.where(differs, np.inf, error)
+            errors[f"{name}_error"] = data[name].dims, error
+    return data.assign(errors)
 
 
 def _suffix(factor: float) -> str:

@@ -12,6 +12,7 @@ import xarray
 import rockjax as rj
 from rockjax._files import write_dataset
 from rockjax._machine.threads import import_in_background
+from rockjax._report.scenes import Needs, Scenes
 from rockjax._report.store import Store, fingerprint
 
 
@@ -132,6 +133,32 @@ def test_an_interruption_keeps_what_other_threads_have_computed(tmp_path):
     assert list(again.data) == ["a"]
     again.save()  # nothing is computed, but the unfinished file is newer
     assert list(Store(tmp_path / "page.nc").data) == ["a"]
+
+
+def test_an_interruption_of_the_second_solution_keeps_the_first(tmp_path, monkeypatch):
+    """The scenes with blocks on floors have a second solution, which estimates the errors of the blocks."""
+    (tmp_path / "problem.toml").write_text(f'{PROBLEM}[motions.set]\nkind = "ricker"\na_p = 2.0\nT_p = 1.0\n')
+    problem, solved = rj.read_problem(tmp_path / "problem.toml"), []
+    name, dims = next(iter(problem.motions)), ("motion", "contents")
+    needed = {name: Needs({}, {("contents", "shelf"): "a block"})}
+
+    def solve(scenes, podium, excitations, options, dims_of_batch, on_floors):
+        if solved == [problem.options.rtol]:
+            solved.append("interrupted")
+            raise KeyboardInterrupt
+        solved.append(options.rtol)
+        rotation = [[0.5 + (options.rtol == problem.options.rtol)]]
+        return xarray.Dataset(
+            {"contents_peak_rotation": (dims, rotation), "contents_overturned": (dims, [[False]])}
+        )
+
+    monkeypatch.setattr(Scenes, "solve", solve)
+    store = Store(tmp_path / "page.nc")
+    with pytest.raises(KeyboardInterrupt), store.saved_on_interruption():
+        Scenes(problem, store, needed).peaks(name)
+    data = Scenes(problem, Store(tmp_path / "page.nc"), needed).peaks(name)
+    assert data["contents_peak_rotation_error"].values == [[1.0]]
+    assert len(solved) == 3
 
 
 def test_a_complete_unfinished_file_replaces_an_older_report(tmp_path):
