@@ -85,18 +85,21 @@ class Equations:
 class Figure:
     """A picture.
 
-    - `svg`: result of `pictures.to_svg` for the same `title` and `description`
+    - `svg`: result of `pictures.to_svg` for the same `title`, and for `description` in the units of the page
     - `caption`: text below the picture
     - `title`: short title
     - `description`: text for readers who cannot see the picture, with its most important number
     - `is_narrow`: whether the picture is narrower than the page
+    - `units_note`: sentence on the units of the drawing, which the page shows after the caption. JSON files
+      leave it out, because they have no drawings
     """
 
     svg: str
     caption: Text
     title: str
-    description: str
+    description: Text
     is_narrow: bool = False
+    units_note: str = ""
 
     def __post_init__(self) -> None:
         if not self.svg.startswith("<svg"):

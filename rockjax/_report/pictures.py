@@ -113,10 +113,10 @@ def _round_coordinates(match: re.Match[str]) -> str:
     return re.sub(r"\s*\n", " ", path)
 
 
-def elevation_caption(units: Units) -> str:
-    """Return the caption of `elevation_drawing`, which states the units of lengths."""
+def elevation_units(units: Units) -> str:
+    """Return the sentence on the units of lengths in the drawing of `elevation_drawing`."""
     unit, column_unit = units.unit("length"), units.unit("displacement")
-    return f"Elevation to scale, lengths in {unit} (column at the right: in {column_unit})."
+    return f"Lengths in {unit} (column at the right: in {column_unit})."
 
 
 def elevation_drawing(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rockjax as rj
-from rockjax._report.pictures import elevation_caption, elevation_drawing, to_svg
+from rockjax._report.pictures import elevation_drawing, elevation_units, to_svg
 from rockjax._report.units import Units
 
 from . import sample
@@ -144,7 +144,7 @@ def test_every_structure_has_a_drawing(structure):
     for rotation in (None, 0.0, -0.05, 2.0):
         figure = elevation_drawing(structure, UNITS, column_mass=1e3, rotation=rotation)
         assert "NaN" not in to_svg(figure, "drawing", "Drawing", "A podium")
-    assert elevation_caption(UNITS) == "Elevation to scale, lengths in m (column at the right: in mm)."
+    assert elevation_units(UNITS) == "Lengths in m (column at the right: in mm)."
 
 
 def test_a_rotation_beyond_the_stability_angle_is_drawn():

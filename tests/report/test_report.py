@@ -607,7 +607,7 @@ def test_rotation_under_multiples_of_a_motion_is_drawn(report, monkeypatch):
     monkeypatch.setattr(rocking, "least_factors", lambda *arguments: data)
     store = evaluation.scenes.store  # other tests use it too
     monkeypatch.setattr(store, "data", dict(store.data))
-    figure = rocking._factors(evaluation, "pulses", 1)
+    figure = rocking._factors(evaluation, "pulses", 1, report.units)
     assert figure.description.endswith("; the least factor that overturns the columns is 2.1.")
     assert "limit of C1" in figure.svg
     drawn = store.data["factors.pulses.1"]  # factors from 3.15/32 to 3.15, the tenth of which is 1
@@ -696,6 +696,15 @@ def test_wrong_options_of_the_command(folder, report, monkeypatch):
     assert isinstance(found.exception, ValueError)
     assert "pip install" in str(found.exception)
     assert not output.exists()
+
+
+def test_the_json_does_not_depend_on_the_units_of_the_page(report, monkeypatch):
+    store = report.evaluation.scenes.store  # other tests use it too
+    monkeypatch.setattr(store, "data", dict(store.data))
+    other = rj.report(report.evaluation, units="N,cm,rad,m/s2")
+    assert other.json == report.json
+    assert "Elevation to scale. Lengths in m (column at the right: in mm)." in report.html
+    assert "Elevation to scale. Lengths in cm (column at the right: in cm)." in other.html
 
 
 def test_a_report_from_an_evaluation(folder, report):

@@ -101,7 +101,9 @@ def test_spectra_of_pulses_and_records_are_drawn():
     assert "a $pulse" in figure.svg
     assert "S_a [g]" in figure.svg
     values = [rj.intensity_measures(motions.as_record(y), periods=[5.0])["Sa"].item() for y in members]
-    assert figure.description.endswith(f"the mean at T_1 = 5 s is {np.mean(values) / 9.80665:.4g}\xa0g.")
+    assert plain(figure.description, Units.parse("g")).endswith(
+        f"the mean at T_1 = 5 s is {np.mean(values) / 9.80665:.4g}\xa0g."
+    )
     assert "a $pulse, with the largest rotation" in figure.caption
 
 
@@ -134,7 +136,7 @@ def test_factors_on_the_governing_motion_are_drawn():
     data = rocking._analysis_of_factors(peaks, np.array([0.4, 0.8, 1.2, 1.6]), made_windows(), 1.0)
     np.testing.assert_array_equal(data["boundaries"].values, [[1.0214, 1.02182, np.nan]])
     lines = {1.0: "as given", 1.5: "limit of C4 $x_y"}
-    figure = rocking._draw_analysis(data, "factors", "title", "description", "caption", lines)
+    figure = rocking._draw_analysis(data, "factors", "title", "description", "caption", lines, Units.si())
     texts = html.unescape(figure.svg)
     assert all(text in texts for text in ("as given", "limit of C4 $x_y", "boundaries of survival windows"))
     assert "left out: 1 of 4 scenes, which did not finish" in texts

@@ -173,5 +173,5 @@ class _Converter:
         return {"latex": formulas.latex(row.formula.name), **numbers, **result, **label}
 
     def _figure(self, figure: Figure) -> dict[str, Any]:
-        caption = self.text(figure.caption)
-        return {"title": figure.title, "description": figure.description, "caption": caption}
+        texts = {name: self.text(getattr(figure, name)) for name in ("description", "caption")}
+        return {"title": figure.title, **texts}

@@ -17,7 +17,7 @@ from rockjax._report.blocks import Figure, Pair, Paragraph
 from rockjax._report.cells import slug
 from rockjax._report.evaluation import describe_error
 from rockjax._report.store import fingerprint
-from rockjax._report.tables import Code, Column, Table, TextCell
+from rockjax._report.tables import Code, Column, Quantity, Table, TextCell
 from rockjax._report.units import Units, kind_of_unit
 from rockjax._structures.elevation import Elevation
 
@@ -85,7 +85,8 @@ def stored_figure(
 
     - `evaluation`: the evaluated problem, whose store is used
     - `name`: name in the store; `inputs`: pytree of all data that the picture depends on
-    - `draw`: function that returns the picture, whose caption must be a string
+    - `draw`: function that returns the picture. Its caption must be a string, and its description may contain
+      strings and quantities
     """
     store = evaluation.scenes.store
     try:
@@ -94,7 +95,12 @@ def stored_figure(
         )
     except Exception as error:
         return Paragraph(("The picture ", Code(name), f" is missing: {describe_error(error)}"), is_note=True)
-    return Figure(**json.loads(text))
+    values = json.loads(text)
+    if not isinstance(values["description"], str):
+        values["description"] = tuple(
+            part if isinstance(part, str) else Quantity(**part) for part in values["description"]
+        )
+    return Figure(**values)
 
 
 def in_pairs(pictures: Sequence[Figure | Paragraph]) -> list[Figure | Paragraph | Pair]:

@@ -16,7 +16,7 @@ from rockjax._motions.motion import Motion
 from rockjax._report.blocks import Figure, Paragraph, Section
 from rockjax._report.cells import slug
 from rockjax._report.pictures import to_svg
-from rockjax._report.tables import Cell, Code, Column, Quantity, Table, TextCell, plain_part
+from rockjax._report.tables import Cell, Code, Column, Quantity, Table, TextCell, plain
 from rockjax._report.units import Units
 from rockjax._structures import g_tan_alpha
 
@@ -195,8 +195,8 @@ def _draw_spectra(motions: MotionSet, period: float | None, governing: int | Non
     last = max(PERIODS[-1], LAST_PERIOD * (period or 0.0))
     T = np.union1d(np.geomspace(PERIODS[0], last, PERIODS.size), [period or last])
     of_motions = [spectral_accelerations(as_record(member), T, DAMPING) for member in motions.members]
-    values = np.array(of_motions) / units.factor("acceleration")
-    mean = values.mean(axis=0)
+    mean, unit = np.mean(of_motions, axis=0), units.factor("acceleration")
+    values = np.array(of_motions) / unit
     with in_style():
         figure, axes = plt.subplots(figsize=(4.8, 3.2), layout="constrained")
         axes.plot(T, values.T, "-", color="0.6", linewidth=0.6)
@@ -204,7 +204,7 @@ def _draw_spectra(motions: MotionSet, period: float | None, governing: int | Non
             label = plot_label(motions.names[governing])
             axes.plot(T, values[governing], "-", color=COLOURS[1], linewidth=1.0, label=label)
         if len(motions) > 1:
-            axes.plot(T, mean, "-", color=COLOURS[0], linewidth=1.6, label="mean")
+            axes.plot(T, mean / unit, "-", color=COLOURS[0], linewidth=1.6, label="mean")
         if period is not None:
             axes.axvline(
                 period, color=COLOURS[2], linestyle="--", linewidth=1.0, label=f"T₁ = {period:.3g} s"
@@ -217,16 +217,17 @@ def _draw_spectra(motions: MotionSet, period: float | None, governing: int | Non
     where, largest = "the largest value of the mean", mean.max()
     if period is not None:
         where, largest = f"the mean at T_1 = {period:.3g} s", mean[np.searchsorted(T, period)]
-    shown = plain_part(Quantity(float(largest) * units.factor("acceleration"), "acceleration"), units)
     description = (
-        f"Pseudo-acceleration spectra of {len(motions)} motions with 5 % damping, and their mean; {where} is "
-        f"{shown}."
+        f"Pseudo-acceleration spectra of {len(motions)} motions with 5 % damping, and their mean; "
+        f"{where} is ",
+        Quantity(float(largest), "acceleration"),
+        ".",
     )
     label = f" ({motions.label})" if motions.label != motions.name else ""
     caption = f"Spectra of the set {motions.name}{label}, 5 % damping"
     if governing is not None:
         caption += f"; coloured: {motions.names[governing]}, with the largest rotation"
-    svg = to_svg(figure, f"spectra-{slug(motions.name)}", title, description)
+    svg = to_svg(figure, f"spectra-{slug(motions.name)}", title, plain(description, units))
     return Figure(svg, f"{caption}.", title, description)
 
 

@@ -10,9 +10,8 @@ from rockjax._report.blocks import Equation, Equations, Figure, Paragraph, Secti
 from rockjax._report.cells import slug
 from rockjax._report.kinds.risk import AnnualKind, FragilityKind
 from rockjax._report.pictures import to_svg
-from rockjax._report.tables import Formula
-from rockjax._report.units import Units
-from rockjax._units import displayed_or_empty
+from rockjax._report.tables import Formula, Quantity, plain
+from rockjax._report.units import Units, kind_of_unit
 
 from .common import details, in_page_units, in_pairs, stored_figure
 
@@ -70,17 +69,17 @@ def _draw_fragility(curve: xarray.Dataset, name: str, motions: str, units: Units
     from rockjax import plots
     from rockjax.plots._style import in_style
 
-    curve = in_page_units(curve, units)
     with in_style():
         figure, axes = plt.subplots(figsize=(4.8, 5.5), layout="constrained")
-        plots.fragility(curve, axes)
+        plots.fragility(in_page_units(curve, units), axes)
     title = f"Fragility of the set {motions}"
-    median, unit = float(curve["median_capacity"]), displayed_or_empty(curve["at"].attrs["units"])
-    median_text = f"{median:.4g} {unit}".rstrip()
+    median = Quantity(float(curve["median_capacity"]), kind_of_unit(curve["at"].attrs["units"]))
     axis = f"{axes.get_ylabel()} as a function of {curve.attrs['measure']}"
     axis = f"{axis[:1].upper()}{axis[1:]}".replace("\n", " ")
-    description = f"{axis}; the median is {median_text}, the dispersion {float(curve['dispersion']):.3g}."
-    return Figure(to_svg(figure, name, title, description), f"{axis}, set {motions}.", title, description)
+    dispersion = f", the dispersion {float(curve['dispersion']):.3g}."
+    description = f"{axis}; the median is ", median, dispersion
+    svg = to_svg(figure, name, title, plain(description, units))
+    return Figure(svg, f"{axis}, set {motions}.", title, description)
 
 
 def _draw_risk(curve: Any, hazard: Hazard, name: str, check: Check, units: Units) -> Figure:

@@ -17,9 +17,8 @@ from rockjax._report.kinds.peaks import deck_displacement
 from rockjax._report.kinds.risk import FragilityKind
 from rockjax._report.pictures import to_svg
 from rockjax._report.scales import MAX_SCALE, least_factors
-from rockjax._report.tables import Column, Quantity, Table, TextCell
-from rockjax._report.units import Units
-from rockjax._units import displayed_or_empty
+from rockjax._report.tables import Column, Quantity, Table, Text, TextCell, plain
+from rockjax._report.units import Units, kind_of_unit
 
 from . import instants
 from .common import (
@@ -58,7 +57,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
     else:
         blocks.insert(0, _history(evaluation, *scene))
         if _has_factors(evaluation, scene[0]):
-            blocks.insert(1, _factors(evaluation, *scene))
+            blocks.insert(1, _factors(evaluation, *scene, units))
     blocks += _analyses(evaluation, units)
     return Section(4, "Rotation, uplift, overturning", (*blocks, *details(evaluation, 4)))
 
@@ -201,7 +200,7 @@ def _draw_history(evaluation: Evaluation, name: str, k: int, data: xarray.Datase
     return Figure(to_svg(figure, "history", title, description), caption, title, description)
 
 
-def _factors(evaluation: Evaluation, name: str, k: int) -> Figure | Paragraph:
+def _factors(evaluation: Evaluation, name: str, k: int, units: Units) -> Figure | Paragraph:
     """Return the picture of the rotation as a function of the factor on motion k of a set."""
     scenes, motions = evaluation.scenes, evaluation.problem.motions[name]
     windows = least_factors(scenes, name, "overturning").isel(motion=k)
@@ -228,7 +227,7 @@ def _factors(evaluation: Evaluation, name: str, k: int) -> Figure | Paragraph:
             f"Largest rotation under {label} of the set {name} as a function of the factor on the motion"
         )
         description = f"{caption}; {_windows_text(windows)}."
-        return _draw_analysis(analysis, "factors", title, description, description, lines)
+        return _draw_analysis(analysis, "factors", title, description, description, lines, units)
 
     inputs = [windows[y].values for y in sorted(map(str, windows.data_vars))], factors, options, limits
     structure = scenes.problem.podium, motions.identities[k], motions.names[k], name
@@ -294,33 +293,46 @@ def _analyses(evaluation: Evaluation, units: Units) -> list[Figure | Paragraph]:
         curve, motions = kind.curve(check.entry, evaluation.scenes), check.motions
         name = f"analysis-{slug(motions)}-{slug(curve.attrs['measure'])}"
         inputs = {str(y): z.values for y, z in curve.items()}, motions, units.names, units.g
-        draw = functools.partial(_draw_motions, in_page_units(curve, units), name, motions)
+        draw = functools.partial(_draw_motions, curve, name, motions, units)
         figures[name] = stored_figure(evaluation, name, inputs, draw)
     return list(figures.values())
 
 
-def _draw_motions(curve: xarray.Dataset, name: str, motions: str) -> Figure:
+def _draw_motions(curve: xarray.Dataset, name: str, motions: str, units: Units) -> Figure:
     """Draw the incremental dynamic analysis of a set of motions.
 
-    `curve`: result of `FragilityKind.curve`; `name`: name of the picture; `motions`: name of the set
+    - `curve`: result of `FragilityKind.curve`; `name`: name of the picture
+    - `motions`: name of the set; `units`: units of the drawing
     """
     measure, capacity = curve.attrs["measure"], curve["capacity"].values
-    unit = displayed_or_empty(curve["intensity"].attrs["units"])
-    least = f"the least {measure} that overturns the columns is {np.nanmin(capacity):.4g} {unit}".rstrip()
     title = f"Rotation as a function of {measure}, set {motions}"
-    description = (
-        f"Largest rotation under each motion of the set {motions} as a function of {measure}; {least}."
-        if np.isfinite(capacity).any()
-        else f"{title}; no motion overturns the columns."
-    )
+    description: Text = f"{title}; no motion overturns the columns."
+    if np.isfinite(capacity).any():
+        description = (
+            f"Largest rotation under each motion of the set {motions} as a function of {measure}; the least "
+            f"{measure} that overturns the columns is ",
+            Quantity(float(np.nanmin(capacity)), kind_of_unit(curve["intensity"].attrs["units"])),
+            ".",
+        )
     caption = f"Largest rotation under the motions of the set {motions}, scaled to the same {measure}."
-    return _draw_analysis(curve, name, title, description, caption, {})
+    texts = title, description, caption
+    return _draw_analysis(in_page_units(curve, units), name, *texts, {}, units)
 
 
 def _draw_analysis(
-    data: xarray.Dataset, name: str, title: str, description: str, caption: str, lines: dict[float, str]
+    data: xarray.Dataset,
+    name: str,
+    title: str,
+    description: Text,
+    caption: str,
+    lines: dict[float, str],
+    units: Units,
 ) -> Figure:
-    """Draw an incremental dynamic analysis, with a horizontal line and its text for each of the `lines`."""
+    """Draw an incremental dynamic analysis, with a horizontal line and its text for each of the `lines`.
+
+    - `data`: the analysis, in the units of the page; `name`: name of the picture
+    - `title`, `description`, `caption`: as for `Figure`; `units`: units of the page
+    """
     import matplotlib.pyplot as plt
 
     from rockjax import plots
@@ -339,4 +351,4 @@ def _draw_analysis(
                 textcoords="offset points",
                 xycoords=("axes fraction", "data"),
             )
-    return Figure(to_svg(figure, name, title, description), caption, title, description)
+    return Figure(to_svg(figure, name, title, plain(description, units)), caption, title, description)

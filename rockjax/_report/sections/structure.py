@@ -11,7 +11,7 @@ import numpy as np
 from rockjax._parameters.registry import STRUCTURE
 from rockjax._programs.program import StoredProgram
 from rockjax._report.blocks import Equation, Equations, Figure, Paragraph, Section
-from rockjax._report.pictures import elevation_caption, elevation_drawing, to_svg
+from rockjax._report.pictures import elevation_drawing, elevation_units, to_svg
 from rockjax._report.store import dataset_of, fingerprint
 from rockjax._report.tables import Cell, Code, Column, Formula, Quantity, Series, Table, Text, TextCell
 from rockjax._report.units import Units, kind_of_unit
@@ -102,7 +102,7 @@ def _elevation(evaluation: Evaluation, units: Units) -> Figure | Paragraph:
             angle = rotation * problem.column_enlargement
             description += f"; beside them a column at its largest rotation, {angle:.4g} rad"
         svg = to_svg(drawing, "elevation", title, f"{description}.")
-        return Figure(svg, elevation_caption(units), title, f"{description}.", True)
+        return Figure(svg, "Elevation to scale.", title, f"{description}.", True, elevation_units(units))
 
     inputs = podium, units.names, units.g, mass, columns, rotation, label, size
     return stored_figure(evaluation, "elevation", inputs, draw)
