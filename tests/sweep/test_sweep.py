@@ -173,7 +173,7 @@ def test_several_motions_are_an_axis():
         ({"width": [0.1], "R": [1.0]}, "R and width describe the same"),
         ({"a_p": [1.0], "acceleration_ratio": [1.0]}, "a_p and acceleration_ratio describe the same"),
         ({"T_s": [0.5]}, "axes must each be one of"),
-        ({"hight": [0.9]}, "axes must each be one of"),
+        ({"thickness": [0.9]}, "axes must each be one of"),
         ({"alpha": [[0.1]]}, "one-dimensional"),
         ({"alpha": []}, "one-dimensional"),
         ({"alpha": [2.0]}, r"alpha must be in \(0, π/2\)"),
