@@ -10,9 +10,9 @@ import numpy as np
 import rockjax as rj
 from rockjax._boundaries.boundary import BOUNDARY
 from rockjax._boundaries.crossings import scan
-from rockjax._checks import require
+from rockjax._checks import as_axis, require_positive
 from rockjax._motions.convert import as_pulse
-from rockjax._parameters.registry import variable_attributes
+from rockjax._parameters.registry import as_variable, variable_attributes
 from rockjax._responses.datasets import describe_options
 from rockjax.internal import as_float, format_value, require_instance, require_whole
 
@@ -25,12 +25,9 @@ if TYPE_CHECKING:
 
 def _check_axes(owner: str, T_p, a_p) -> tuple[np.ndarray, np.ndarray]:
     """Return periods and amplitudes as 1-D arrays; raise `ValueError` if they are invalid."""
-    periods = np.asarray(as_float(T_p, f"{owner}: T_p"))
-    if periods.ndim != 1 or periods.size == 0 or np.any(np.diff(periods) <= 0):
-        raise ValueError(f"{owner}: T_p must be a 1-D array of ascending periods, got {T_p!r}")
+    periods = as_axis(owner, "T_p", T_p, ascending=True)
     amplitudes = np.atleast_1d(np.asarray(as_float(a_p, f"{owner}: a_p")))
-    require(owner, "T_p", periods, lambda v: v > 0, "finite and > 0")
-    require(owner, "a_p", amplitudes, lambda v: v > 0, "finite and > 0")
+    require_positive(owner, T_p=periods, a_p=amplitudes)
     return periods, amplitudes
 
 
@@ -101,16 +98,14 @@ def design_chart(
     boundary_count = max(table.shape[1] for table in boundary_tables)
     pad = lambda table: np.pad(table, ((0, 0), (0, boundary_count - table.shape[1])), constant_values=np.nan)
     unit = parameter(podium, name).unit
-    safe_attrs = {"units": unit, "long_name": f"smallest {name} above which all values survive"}
-    boundary_attrs = {"units": unit, "long_name": f"{name} at changes between survival and overturning"}
+    safe, boundaries = np.stack(smallest_safe_value), np.stack(list(map(pad, boundary_tables)))
+    changes = f"{name} at changes between survival and overturning"
     return xarray.Dataset(
         {
-            "smallest_safe_value": (("a_p", "T_p"), np.stack(smallest_safe_value), safe_attrs),
-            "boundaries": (
-                ("a_p", "T_p", "boundary"),
-                np.stack(list(map(pad, boundary_tables))),
-                boundary_attrs,
+            "smallest_safe_value": as_variable(
+                ("a_p", "T_p"), safe, unit, f"smallest {name} above which all values survive"
             ),
+            "boundaries": as_variable(("a_p", "T_p", "boundary"), boundaries, unit, changes),
         },
         coords={
             "a_p": ("a_p", amplitudes, variable_attributes("a_p")),

@@ -179,6 +179,19 @@ def check_dtype(owner: str, name: str, tree) -> None:
             )
 
 
+def as_axis(owner: str, name: str, values, ascending: bool = False) -> np.ndarray:
+    """Return values along an axis as an array of shape (n,). Raises `ValueError` for another shape, for no
+    values and, if `ascending`, for values that do not ascend."""
+    axis = np.asarray(as_float(values, f"{owner}: {name}"))
+    if axis.ndim != 1 or axis.size == 0:
+        raise ValueError(f"{owner}: {name} must be a 1-D array with values, got shape {axis.shape}")
+    if ascending and np.any(np.diff(axis) <= 0):
+        raise ValueError(
+            f"{owner}: {name} must be a 1-D array of ascending values, got {format_value(values)}"
+        )
+    return axis
+
+
 def concrete(x) -> np.ndarray | None:
     """Return the value of `x` as a NumPy array; None if `x` is traced or not numeric, such as a placeholder
     in a pytree."""

@@ -18,6 +18,7 @@ import numpy as np
 from rockjax._checks import as_float, require, require_instance, require_number
 from rockjax._files import CONVENTIONS
 from rockjax._oscillators import ground_load, largest
+from rockjax._parameters.registry import as_variable
 from rockjax._structures import Podium, g_tan_alpha
 from rockjax._units import STANDARD_GRAVITY
 
@@ -188,7 +189,7 @@ def intensity_measures(
     as_column = lambda values: values if is_sequence else values[0]
     data = xarray.Dataset(
         {
-            name: (dims, as_column(values), {"units": unit, "long_name": long_name})
+            name: as_variable(dims, as_column(values), unit, long_name)
             for name, (unit, long_name, values) in columns.items()
         },
         coords={
@@ -199,6 +200,6 @@ def intensity_measures(
     )
     spectra = [spectral_accelerations(m, T, damping) for m in motions]
     shape = (len(motions), len(T)) if is_sequence else (len(T),)
-    attributes = {"units": "m s-2", "long_name": "pseudo-spectral acceleration"}
-    data["Sa"] = ((*dims, "period"), np.reshape(spectra, shape), attributes)
+    Sa = np.reshape(spectra, shape)
+    data["Sa"] = as_variable((*dims, "period"), Sa, "m s-2", "pseudo-spectral acceleration")
     return data

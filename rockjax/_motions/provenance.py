@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from rockjax._excitations.ground import GroundMotion
+from rockjax._parameters.registry import as_variable
 
 from .motion import Motion, Motions
 from .record import Record
@@ -118,7 +119,6 @@ def record_coords(records: Records | RecordPairs, argument: Any = None) -> dict[
         for row, count in zip(np.asarray(table.acceleration), np.asarray(table.counts), strict=True)
     ]
     pga = np.array([np.abs(row).max(initial=0.0) for row in rows])
-    pga_attrs = {"units": "m s-2", "long_name": "largest ground acceleration of the record"}
     origins = [dict(describe_origin(motion)) for motion in _named_motions(argument)]
     optional = {}
     for name, long_name in (("source", "file of the record"), ("seed", "seed of the synthetic motion")):
@@ -126,7 +126,7 @@ def record_coords(records: Records | RecordPairs, argument: Any = None) -> dict[
         if len(values) == len(rows):
             optional[name] = ("record", values, {"long_name": long_name})
     return optional | {
-        "dt": ("record", np.asarray(table.intervals), {"units": "s", "long_name": "sampling interval"}),
-        "PGA": ("record", pga, pga_attrs),
+        "dt": as_variable("record", np.asarray(table.intervals), "s", "sampling interval"),
+        "PGA": as_variable("record", pga, "m s-2", "largest ground acceleration of the record"),
         "sha256": ("record", list(map(sha256, rows)), {"long_name": "SHA-256 of the samples, <f8 in m/s²"}),
     }

@@ -284,6 +284,13 @@ def variable_attributes(name: str) -> dict[str, str]:
     return {} if entry is None else entry.variable_attributes
 
 
+def as_variable(
+    dims: str | tuple[str, ...], values: Any, units: str, long_name: str, **attributes: Any
+) -> tuple[Any, Any, dict[str, Any]]:
+    """Return a variable of a dataset with its unit and description, and with further attributes."""
+    return dims, values, {"units": units, "long_name": long_name, **attributes}
+
+
 def find_clash(names: Iterable[str]) -> tuple[str, str] | None:
     """Return the first two names that cannot be given together, see `Parameter.instead_of`; None if there is
     no such pair."""

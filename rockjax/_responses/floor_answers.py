@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from rockjax import _results as results
+from rockjax._parameters.registry import as_variable
 from rockjax._results import RESULTS
 from rockjax._tree import Module
 
@@ -125,10 +126,10 @@ def floor_variables(answers: Sequence[Any], dims: tuple[str, ...]) -> dict[str, 
         stacked = lambda read, members=members: np.stack([np.asarray(read(y)) for y in members], axis=-1)
         for name, (unit, description) in variables.items():
             values = stacked(lambda y, name=name: getattr(y, name))
-            data[f"{dim}_{name}"] = (*dims, dim), values, {"units": unit, "long_name": description}
+            data[f"{dim}_{name}"] = as_variable((*dims, dim), values, unit, description)
         code = stacked(lambda y: results.code_of(y.result)).astype(np.int8)
-        attrs = {"units": "1", "long_name": f"result of the {dim}", **results.FLAGS}
-        data[f"{dim}_result"] = (*dims, dim), code, attrs
+        result = as_variable((*dims, dim), code, "1", f"result of the {dim}", **results.FLAGS)
+        data[f"{dim}_result"] = result
     return data
 
 

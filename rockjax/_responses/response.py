@@ -18,6 +18,7 @@ from rockjax._excitations.base import AbstractExcitation
 from rockjax._excitations.ground import GroundMotion
 from rockjax._options import Options
 from rockjax._outputs.base import JOINTS, MODES, STORIES
+from rockjax._parameters.registry import as_variable
 from rockjax._programs.program import nans_allowed
 from rockjax._results import RESULTS, State
 from rockjax._structures import Podium
@@ -378,26 +379,24 @@ def _dataset(
         values["vertical_acceleration"] = _ground_acceleration(response.excitation.vertical, t)
     data = xarray.Dataset(
         {
-            name: (
-                _dims(name, np.ndim(values[name])),
-                np.asarray(values[name]),
-                _attributes(unit, description),
+            name: as_variable(
+                _dims(name, np.ndim(values[name])), np.asarray(values[name]), *unit_and_description
             )
-            for name, (unit, description) in _SERIES.items()
+            for name, unit_and_description in _SERIES.items()
             if name in values
         },
-        coords={"time": ("time", t, {"units": "s", "long_name": "time"})},
+        coords={"time": as_variable("time", t, "s", "time")},
     )
     data["mode"].attrs |= {
         "flag_values": [-1.0, 0.0, 1.0],
         "flag_meanings": "rocking_left full_contact rocking_right",
     }
     for name, (unit, description) in _IMPACTS.items():
-        data[name] = ("impact", np.asarray(impacts[name]), _attributes(unit, description))
+        data[name] = as_variable("impact", np.asarray(impacts[name]), unit, description)
     if response.options.of_joints:
         data = with_joints(data, response)
-    attrs = _attributes("m2 s-2", "mechanical energy at the start per N m_c")
-    data["initial_energy"] = ((), np.asarray(energies.initial), attrs)
+    initial, long_name = np.asarray(energies.initial), "mechanical energy at the start per N m_c"
+    data["initial_energy"] = as_variable((), initial, "m2 s-2", long_name)
     for name, scalar, attrs in peak_variables(response, response.options.outputs):
         data[name] = (own_axis(name, scalar.ndim), scalar, attrs)
     data = data.assign(floor_variables(response.on_floors, ()))
@@ -415,12 +414,13 @@ def with_joints(data: xarray.Dataset, response: Response) -> xarray.Dataset:
     for name, (unit, description) in joint_forces.SERIES.items():
         if name in series:
             dims = joint_forces.series_dims(series[name].ndim)
-            data[name] = dims, np.asarray(series[name]), _attributes(unit, description)
+            data[name] = as_variable(dims, np.asarray(series[name]), unit, description)
     horizontal, axial = np.moveaxis(np.asarray(response.impulses)[: data.sizes["impact"]], -1, 0)
     # Outside jit every operation compiles separately.
     demand = np.asarray(jax.jit(lambda *forces: JointForces(*forces).friction)(horizontal, axial))
-    attrs = _attributes("1", "friction demand |J_T|/J_N at the impact, inf where the joint is in tension")
-    data["impact_friction"] = ("impact", joint_forces.COLUMNS, JOINTS), demand, attrs
+    dims = ("impact", joint_forces.COLUMNS, JOINTS)
+    long_name = "friction demand |J_T|/J_N at the impact, inf where the joint is in tension"
+    data["impact_friction"] = as_variable(dims, demand, "1", long_name)
     return data.assign_coords(joint_forces.coordinates(demand.shape[1]))
 
 
@@ -429,7 +429,3 @@ def _dims(name: str, dimensions: int) -> tuple[str, ...]:
     if dimensions == 1:
         return ("time",)
     return "time", STORIES if name in ("drift", "floor_acceleration") else MODES
-
-
-def _attributes(unit: str, description: str) -> dict[str, str]:
-    return {"units": unit, "long_name": description}

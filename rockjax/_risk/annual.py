@@ -18,6 +18,7 @@ from jaxtyping import Array, Float
 
 from rockjax._checks import as_float, concrete, require, require_positive
 from rockjax._lognormal import Lognormal
+from rockjax._parameters.registry import as_variable
 from rockjax._programs.program import StoredProgram
 from rockjax._results import outcomes
 from rockjax._studies.curve import checked_intensities
@@ -288,20 +289,17 @@ def disaggregation(curve: Lognormal | xarray.Dataset, hazard: Hazard, at=None) -
     slope = np.asarray(integral.segment_slopes(log_x, log_rate))[segment]
     density = fragility * slope * rate / float(answer.frequency)
 
-    def variable(dim: str, values, unit: str, long_name: str):
-        return dim, np.asarray(values), {"units": unit, "long_name": long_name}
-
-    given = variable("point", hazard.annual_rate, "year-1", "rates at the points of the hazard curve")
+    given, points = np.asarray(hazard.annual_rate), np.asarray(hazard.intensity)
     return xarray.Dataset(
         {
-            "density": variable("intensity", density, "1", "share of λ_f per unit of ln(intensity)"),
-            "hazard": variable("intensity", rate, "year-1", "mean annual rate of exceedance"),
-            "given": given,
-            "fragility": variable("intensity", fragility, "1", "probability of overturning"),
+            "density": as_variable("intensity", density, "1", "share of λ_f per unit of ln(intensity)"),
+            "hazard": as_variable("intensity", rate, "year-1", "mean annual rate of exceedance"),
+            "given": as_variable("point", given, "year-1", "rates at the points of the hazard curve"),
+            "fragility": as_variable("intensity", fragility, "1", "probability of overturning"),
         },
         coords={
-            "intensity": variable("intensity", x, hazard.units, hazard.measure),
-            "point": variable("point", hazard.intensity, hazard.units, hazard.measure),
+            "intensity": as_variable("intensity", x, hazard.units, hazard.measure),
+            "point": as_variable("point", points, hazard.units, hazard.measure),
         },
         attrs={
             "title": "Risk",

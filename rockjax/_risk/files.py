@@ -20,6 +20,7 @@ from rockjax._checks import as_strings, require_positive
 from rockjax._files import write_atomically
 from rockjax._motions.headings import Heading, parse_heading
 from rockjax._motions.intensity import period_of
+from rockjax._parameters.registry import as_variable
 from rockjax._text.reading import read_text
 from rockjax._units import INTENSITY_UNITS, STANDARD_GRAVITY, UNITS, in_si, unit_of, unit_of_measure
 
@@ -464,12 +465,8 @@ def _curve(path: str | Path, name: str, imls: ET.Element, state: ET.Element) -> 
     }
     return xarray.Dataset(
         {
-            "median_capacity": ((), median, {"units": si_unit, "long_name": f"median overturning {measure}"}),
-            "dispersion": (
-                (),
-                dispersion,
-                {"units": "1", "long_name": "standard deviation of the logarithm"},
-            ),
+            "median_capacity": as_variable((), median, si_unit, f"median overturning {measure}"),
+            "dispersion": as_variable((), dispersion, "1", "standard deviation of the logarithm"),
             **limits,
         },
         attrs={"title": "Fragility", "kind": "fragility", "measure": measure, "units": si_unit},

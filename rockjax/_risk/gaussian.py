@@ -35,6 +35,7 @@ from rockjax._motions.convert import as_motions
 from rockjax._motions.intensity import intensity_measures
 from rockjax._motions.record import Record
 from rockjax._motions.records import Records
+from rockjax._parameters.registry import as_variable
 from rockjax._programs.program import StoredProgram
 from rockjax._tree import Module
 
@@ -279,16 +280,14 @@ class GaussianMotion(Module):
         motions = as_motions(owner, records)
         measures = intensity_measures(motions, periods=periods, damping=damping, owner=owner)
         Sa, period = measures["Sa"].values, measures["period"]
-        dims, unit = ("period",), {"units": "m s-2"}
         low, middle, high = np.quantile(Sa, [0.16, 0.5, 0.84], axis=0)
         dispersion = np.std(np.log(Sa), axis=0, ddof=1)
-        dispersion_attrs = {"units": "1", "long_name": "dispersion of Sa over motions"}
         return xarray.Dataset(
             {
-                "median": (dims, middle, unit | {"long_name": "median Sa"}),
-                "fractile_16": (dims, low, unit | {"long_name": "16 % fractile of Sa"}),
-                "fractile_84": (dims, high, unit | {"long_name": "84 % fractile of Sa"}),
-                "dispersion": (dims, dispersion, dispersion_attrs),
+                "median": as_variable("period", middle, "m s-2", "median Sa"),
+                "fractile_16": as_variable("period", low, "m s-2", "16 % fractile of Sa"),
+                "fractile_84": as_variable("period", high, "m s-2", "84 % fractile of Sa"),
+                "dispersion": as_variable("period", dispersion, "1", "dispersion of Sa over motions"),
             },
             coords={"period": period},
             attrs={"title": "Response spectrum of a GaussianMotion", "damping": damping, "count": count},

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from rockjax._checks import as_float, concrete, require
+from rockjax._parameters.registry import as_variable
 from rockjax._tree import Module
 from rockjax._units import INTENSITY_UNITS, in_si
 
@@ -127,11 +128,10 @@ class Hazard(Module):
         """Return the points as a dataset."""
         import xarray
 
-        rate_attrs = {"units": "year-1", "long_name": "mean annual rate of exceedance"}
-        axis_attrs = {"units": self.units, "long_name": self.measure}
+        rate, points = np.asarray(self.annual_rate), np.asarray(self.intensity)
         return xarray.Dataset(
-            {"annual_rate": ("intensity", np.asarray(self.annual_rate), rate_attrs)},
-            coords={"intensity": ("intensity", np.asarray(self.intensity), axis_attrs)},
+            {"annual_rate": as_variable("intensity", rate, "year-1", "mean annual rate of exceedance")},
+            coords={"intensity": as_variable("intensity", points, self.units, self.measure)},
             attrs={"title": "Hazard curve", "kind": "hazard", "measure": self.measure},
         )
 

@@ -15,20 +15,21 @@ from scipy.special import ndtr
 
 from rockjax import _results as results
 from rockjax._batch.batch import peak_responses
-from rockjax._checks import as_float, format_value, require
+from rockjax._checks import as_axis, format_value, require, require_positive
 from rockjax._lognormal import Lognormal
 from rockjax._machine.memory import require_memory
 from rockjax._machine.threads import TABLE_MODULES, import_in_background
 from rockjax._motions.convert import AnyMotions, as_records
 from rockjax._motions.provenance import record_coords
 from rockjax._options import Options
+from rockjax._parameters.registry import as_variable
 from rockjax._responses.arguments import check_single, check_types
 from rockjax._responses.datasets import describe_options, describe_podium
 from rockjax._responses.peak import data_variables
 from rockjax._structures import Contents, Podium
 
 from .curve import MIN_RECORDS, check_confidence, checked_intensities, fit_each_counts, stripe_bounds
-from .fragility import DEFAULT_OPTIONS, Measure, checked_levels, checked_measure, record_labels
+from .fragility import DEFAULT_OPTIONS, Measure, checked_measure, record_labels
 
 if TYPE_CHECKING:
     import xarray
@@ -103,7 +104,8 @@ def contents_fragility(
     motions = records
     records, own_names = as_records(owner, motions)
     labels = record_labels(owner, records, own_names if names is None else names)
-    levels = checked_levels(owner, intensity)
+    levels = as_axis(owner, "intensity", intensity, ascending=True)
+    require_positive(owner, intensity=levels)
     measure = checked_measure(owner, measure, records)
     x = checked_intensities(owner, at, levels)
     require_memory(owner, len(records) * levels.size)
@@ -114,30 +116,23 @@ def contents_fragility(
     peaks = peak_responses(podium, scaled, options=options, progress=progress, on_floors=block_tuple)
     import xarray
 
-    dims = "record", "intensity"
+    dims, axis = ("record", "intensity"), (measure.units, measure.name)
+    overturn_ratios = [float(block.overturn_ratio) for block in block_tuple]
     data = xarray.Dataset(
         data_variables(peaks, options.outputs, dims),
         coords={
             "record": ("record", labels, {"long_name": "record"}),
             **record_coords(records, motions),
-            "intensity": ("intensity", levels, {"units": measure.units, "long_name": measure.name}),
+            "intensity": as_variable("intensity", levels, *axis),
             "contents": ("contents", list(blocks), {"long_name": "block"}),
-            "block": (
-                "contents",
-                [repr(block) for block in block_tuple],
-                {"long_name": "parameters of the block"},
+            "block": ("contents", list(map(repr, block_tuple)), {"long_name": "parameters of the block"}),
+            "contents_overturn_ratio": as_variable(
+                "contents", overturn_ratios, "1", "max|φ|/α_c at which the block counts as overturned"
             ),
-            "contents_overturn_ratio": (
-                "contents",
-                [float(block.overturn_ratio) for block in block_tuple],
-                {"units": "1", "long_name": "max|φ|/α_c at which the block counts as overturned"},
+            "damage_state": as_variable(
+                "damage_state", states, "1", "threshold of max|φ|/α_c; state 0: the block rocks"
             ),
-            "damage_state": (
-                "damage_state",
-                states,
-                {"units": "1", "long_name": "threshold of max|φ|/α_c; state 0: the block rocks"},
-            ),
-            "at": ("at", x, {"units": measure.units, "long_name": measure.name}),
+            "at": as_variable("at", x, *axis),
         },
         attrs={
             "title": "Fragility of contents",
@@ -175,9 +170,7 @@ def _blocks_by_name(owner: str, contents: Any) -> dict[str, Contents]:
 def _checked_states(owner: str, damage_states: Any, blocks: Mapping[str, Contents]) -> np.ndarray:
     """Return the thresholds of damage states as an array; raise `ValueError` unless they ascend and lie
     between 0 and the least `overturn_ratio` of the blocks."""
-    states = np.asarray(as_float(damage_states, f"{owner}: damage_states"))
-    if states.ndim != 1 or states.size == 0 or np.any(np.diff(states) <= 0):
-        raise ValueError(f"{owner}: damage_states must be a 1-D array that ascends, got {damage_states!r}")
+    states = as_axis(owner, "damage_states", damage_states, ascending=True)
     highest = min(float(block.overturn_ratio) for block in blocks.values())
     in_range = f"from 0 to the overturn_ratio {highest:g} of the contents"
     require(owner, "damage_states", states, lambda v: (v >= 0) & (v <= highest), in_range)
@@ -225,12 +218,9 @@ def _add_curves(data: xarray.Dataset, exceed: bool, confidence: float | None) ->
             bounds, probit = stripe_bounds(fit, reduced_fits, x, confidence)
             intervals[index], bands[index] = bounds, ndtr(probit)
     dims = ("contents", "damage_state")
-    data["median_capacity"] = dims, medians, {"units": units, "long_name": f"median {name}"}
-    data["dispersion"] = (
-        dims, dispersions, {"units": "1", "long_name": "standard deviation of the logarithm"},
-    )  # fmt: skip
-    attributes = {"units": "1", "long_name": "probability of the damage state"}
-    data["probability"] = (*dims, "at"), curves, attributes
+    data["median_capacity"] = as_variable(dims, medians, units, f"median {name}")
+    data["dispersion"] = as_variable(dims, dispersions, "1", "standard deviation of the logarithm")
+    data["probability"] = as_variable((*dims, "at"), curves, "1", "probability of the damage state")
     _warn_of_undetermined(data, confidence, np.isnan(medians), np.isnan(intervals[..., 0, 0]))
     if confidence is None:
         return
@@ -241,8 +231,8 @@ def _add_curves(data: xarray.Dataset, exceed: bool, confidence: float | None) ->
     )
     data.coords["quantity"], data.coords["bound"] = QUANTITIES, BOUNDS
     for k, bound in enumerate(BOUNDS):
-        attributes = {"units": "1", "long_name": f"{bound} bound of the {confidence:.0%} band"}
-        data[bound] = (*dims, "at"), bands[..., k, :], attributes
+        long_name = f"{bound} bound of the {confidence:.0%} band"
+        data[bound] = as_variable((*dims, "at"), bands[..., k, :], "1", long_name)
     data.attrs["confidence"] = confidence
 
 

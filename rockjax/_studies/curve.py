@@ -14,8 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.special import ndtr
 
-from rockjax._checks import as_float, require, require_number
+from rockjax._checks import as_axis, require_number, require_positive
 from rockjax._lognormal import Lognormal, fit_capacities, fit_counts
+from rockjax._parameters.registry import as_variable
 from rockjax._programs.program import StoredProgram
 from rockjax._results import explain_failures, outcomes
 
@@ -112,7 +113,7 @@ def fragility(
         }
         for (name, long_name), slope in zip(long_names.items(), fit_slopes, strict=True):
             values = capacity_slopes @ np.asarray(slope)[has_capacity]
-            curve[name] = ("parameter", values, {"units": "1", "long_name": long_name})
+            curve[name] = as_variable("parameter", values, "1", long_name)
         curve = curve.assign_coords(parameter=analysis["parameter"])
     return curve
 
@@ -122,10 +123,8 @@ def checked_intensities(owner: str, at, levels: np.ndarray) -> np.ndarray:
 
     Raises `ValueError` unless `at` is a one-dimensional array of values > 0.
     """
-    x = np.linspace(0, levels[-1], 201)[1:] if at is None else np.asarray(as_float(at, f"{owner}: at"))
-    if x.ndim != 1 or x.size == 0:
-        raise ValueError(f"{owner}: at must be a 1-D array of intensities, got shape {x.shape}")
-    require(owner, "at", x, lambda v: v > 0, "finite and > 0")
+    x = as_axis(owner, "at", np.linspace(0, levels[-1], 201)[1:] if at is None else at)
+    require_positive(owner, at=x)
     return x
 
 
@@ -273,19 +272,17 @@ def _dataset(analysis: xarray.Dataset, fit: Lognormal, x: np.ndarray, method: st
     units, measure = analysis["intensity"].attrs["units"], analysis.attrs["measure"]
     event = analysis.attrs.get("limit_state", "overturning")
 
-    def variable(dim, values, unit: str, long_name: str):
-        return dim, np.asarray(values), {"units": unit, "long_name": long_name}
-
-    observed = outcomes(analysis).mean("record")
+    observed = np.asarray(outcomes(analysis).mean("record"))
+    probability = np.asarray(fit.probability(x))
     return xarray.Dataset(
         {
-            "median_capacity": variable((), float(fit.median), units, f"median {measure} of {event}"),
-            "dispersion": variable((), float(fit.dispersion), "1", "standard deviation of the logarithm"),
-            "probability": variable("at", fit.probability(x), "1", f"probability of {event}"),
-            "observed": variable("intensity", observed, "1", f"share of records with {event}"),
+            "median_capacity": as_variable((), float(fit.median), units, f"median {measure} of {event}"),
+            "dispersion": as_variable((), float(fit.dispersion), "1", "standard deviation of the logarithm"),
+            "probability": as_variable("at", probability, "1", f"probability of {event}"),
+            "observed": as_variable("intensity", observed, "1", f"share of records with {event}"),
             "capacity": analysis["capacity"],
         },
-        coords={"at": variable("at", x, units, measure), "intensity": analysis["intensity"]},
+        coords={"at": as_variable("at", x, units, measure), "intensity": analysis["intensity"]},
         attrs=analysis.attrs | {"title": "Fragility", "kind": "fragility", "method_of_fit": method},
     )
 
@@ -319,7 +316,7 @@ def _add_intervals(
     }
     curve["interval"] = (("quantity", "bound"), bounds, interval_attrs)
     for name, band in zip(("lower", "upper"), ndtr(probit), strict=True):
-        curve[name] = ("at", band, {"units": "1", "long_name": f"{name} bound of the {confidence:.0%} band"})
+        curve[name] = as_variable("at", band, "1", f"{name} bound of the {confidence:.0%} band")
     curve.coords["quantity"] = ["median_capacity", "dispersion"]
     curve.coords["bound"] = ["lower", "upper"]
     curve.attrs["confidence"] = confidence

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import ArrayLike, Float
 
 from rockjax import _results as results
-from rockjax._checks import as_float, format_value, require, require_number
+from rockjax._checks import as_axis, as_float, format_value, require, require_number
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._machine.threads import TABLE_MODULES, import_in_background
 from rockjax._motions.convert import AnyMotions, single_motions
@@ -23,6 +23,7 @@ from rockjax._motions.provenance import describe_origin
 from rockjax._motions.records import Records
 from rockjax._options import Options, canonical_options
 from rockjax._oscillators import largest
+from rockjax._parameters.registry import as_variable
 from rockjax._programs.program import StoredProgram
 from rockjax._progress import bar
 from rockjax._responses.arguments import as_start, check_single, check_types
@@ -154,7 +155,10 @@ def floor_spectrum(
     is_suite = isinstance(excitation, Motions | Records) or not isinstance(
         excitation, AbstractExcitation | Motion
     )
-    T, zeta = _axis(owner, "periods", periods), _axis(owner, "damping", damping)
+    T, zeta = (
+        as_axis(owner, "periods", np.atleast_1d(periods)),
+        as_axis(owner, "damping", np.atleast_1d(damping)),
+    )
     require(owner, "periods", T, lambda v: v > 0, "finite and > 0 s")
     require(owner, "damping", zeta, lambda v: (v >= 0) & (v < 1), "in [0, 1)")
     levels = list(level) if isinstance(level, list | tuple | np.ndarray) else [level]
@@ -239,16 +243,6 @@ class _Spectrum(NamedTuple):
     values: dict[str, np.ndarray]
     per_level: dict[str, np.ndarray]
     per_scene: dict[str, Any]
-
-
-def _axis(owner: str, name: str, values: Any) -> np.ndarray:
-    """Return periods or dampings as a one-dimensional array; raise `ValueError` for other shapes."""
-    array = np.atleast_1d(np.asarray(as_float(values, f"{owner}: {name}")))
-    if array.ndim != 1 or array.size == 0:
-        raise ValueError(
-            f"{owner}: {name} must be a number or a 1-D array with values, got shape {array.shape}"
-        )
-    return array
 
 
 def _spectrum(response: Response, start: State, t_end: float, request: _Request) -> _Spectrum:
@@ -344,28 +338,21 @@ def _dataset(request: _Request, labels: list | None, spectra: list[_Spectrum]) -
     for name, (unit, meaning) in (SPECTRA | PER_OSCILLATOR | slopes).items():
         if name in spectra[0].values:
             parameter_dim = ("parameter",) if name in slopes else ()
-            data[name] = (
-                (*dims, *parameter_dim),
-                joined([y.values[name] for y in spectra]),
-                _attributes(unit, meaning),
-            )
+            values = joined([y.values[name] for y in spectra])
+            data[name] = as_variable((*dims, *parameter_dim), values, unit, meaning)
     for name, (unit, meaning) in PER_LEVEL.items():
-        data[name] = dims[:-2], joined([y.per_level[name] for y in spectra]), _attributes(unit, meaning)
+        data[name] = as_variable(dims[:-2], joined([y.per_level[name] for y in spectra]), unit, meaning)
     for name, (unit, meaning) in PER_SCENE.items():
-        data[name] = motion_dims, joined([y.per_scene[name] for y in spectra]), _attributes(unit, meaning)
+        data[name] = as_variable(motion_dims, joined([y.per_scene[name] for y in spectra]), unit, meaning)
     data["result"][2].update(results.FLAGS)
     coords: dict[str, Any] = {
         "level": list(request.weights),
-        "damping": ("damping", request.damping, _attributes("1", "damping ratio of the oscillator ζ")),
-        "period": ("period", request.periods, _attributes("s", "period of the oscillator T_e")),
+        "damping": as_variable("damping", request.damping, "1", "damping ratio of the oscillator ζ"),
+        "period": as_variable("period", request.periods, "s", "period of the oscillator T_e"),
     }
     coords |= {} if labels is None else {"motion": labels}
     coords |= {"parameter": list(request.names)} if request.names else {}
     return xarray.Dataset(data, coords=coords)
-
-
-def _attributes(unit: str, meaning: str) -> dict[str, str]:
-    return {"units": unit, "long_name": meaning}
 
 
 def broadened(spectrum: xarray.Dataset, ratio: float = 0.15) -> xarray.Dataset:

@@ -18,7 +18,7 @@ from rockjax._boundaries.boundary import check_limit, check_search, overturning_
 from rockjax._boundaries.crossings import precompile_scan, scan
 from rockjax._boundaries.implicit import log_sensitivities
 from rockjax._boundaries.margin import DEFAULT_WIDTH
-from rockjax._checks import as_float, as_strings, require, require_instance
+from rockjax._checks import as_axis, as_float, as_strings, require, require_instance, require_positive
 from rockjax._lognormal import Lognormal, fit_capacities
 from rockjax._machine.memory import REQUEST_FEWER, require_memory
 from rockjax._machine.threads import TABLE_MODULES, import_in_background
@@ -28,6 +28,7 @@ from rockjax._motions.motion import Motions
 from rockjax._motions.provenance import record_coords
 from rockjax._motions.records import RecordPairs, Records
 from rockjax._options import Options
+from rockjax._parameters.registry import as_variable
 from rockjax._parameters.sensitivities import check_parameters
 from rockjax._responses.arguments import check_single, check_types
 from rockjax._responses.datasets import describe_options, describe_podium
@@ -116,16 +117,6 @@ def record_labels(owner: str, records: Records | RecordPairs, names: Sequence[st
     return labels
 
 
-def checked_levels(owner: str, intensity) -> np.ndarray:
-    """Return the levels of intensity as an array; raise `ValueError` unless they ascend and are finite and
-    > 0."""
-    levels = np.asarray(as_float(intensity, f"{owner}: intensity"))
-    if levels.ndim != 1 or levels.size == 0 or np.any(np.diff(levels) <= 0):
-        raise ValueError(f"{owner}: intensity must be a 1-D array of ascending levels, got {intensity!r}")
-    require(owner, "intensity", levels, lambda v: v > 0, "finite and > 0")
-    return levels
-
-
 def _record_variables(boundaries, impacts, certain_width, measure: Measure) -> dict[str, Any]:
     """Return the variables of an incremental dynamic analysis that do not depend on the intensity.
 
@@ -135,20 +126,15 @@ def _record_variables(boundaries, impacts, certain_width, measure: Measure) -> d
       missed, shape (records,)
     - `measure`: intensity measure
     """
-    name = measure.name
-
-    def variable(dims, values, long_name: str, units: str = measure.units):
-        return dims, values, {"units": units, "long_name": long_name}
-
-    dims = ("record", "boundary")
+    name, units, dims = measure.name, measure.units, ("record", "boundary")
+    undetected = f"largest width of an undetected interval of {name} that overturns"
+    values = np.asarray(measure.values, float)
     return {
-        "capacity": variable("record", boundaries[:, 0], f"least overturning {name}"),
-        "boundaries": variable(dims, boundaries, f"{name} at changes of the outcome"),
-        "certain_width": variable(
-            "record", certain_width, f"largest width of an undetected interval of {name} that overturns"
-        ),
-        "boundary_impacts": variable(dims, impacts, "impacts before overturning", "1"),
-        "measure": variable("record", np.asarray(measure.values, float), f"{name} of the unscaled record"),
+        "capacity": as_variable("record", boundaries[:, 0], units, f"least overturning {name}"),
+        "boundaries": as_variable(dims, boundaries, units, f"{name} at changes of the outcome"),
+        "certain_width": as_variable("record", certain_width, units, undetected),
+        "boundary_impacts": as_variable(dims, impacts, "1", "impacts before overturning"),
+        "measure": as_variable("record", values, units, f"{name} of the unscaled record"),
     }
 
 
@@ -211,7 +197,8 @@ def incremental_dynamic_analysis(
     motions = records
     records, own_names = as_records(owner, motions)
     labels = record_labels(owner, records, own_names if names is None else names)
-    levels = checked_levels(owner, intensity)
+    levels = as_axis(owner, "intensity", intensity, ascending=True)
+    require_positive(owner, intensity=levels)
     check_single(owner, podium)
     check_search(owner, width, resolution)
     check_parameters(owner, podium, sensitivities)
@@ -243,7 +230,7 @@ def incremental_dynamic_analysis(
         coords={
             "record": ("record", labels, {"long_name": "record"}),
             **record_coords(records, motions),
-            "intensity": ("intensity", levels, {"units": measure.units, "long_name": measure.name}),
+            "intensity": as_variable("intensity", levels, measure.units, measure.name),
             "boundary": boundary_axis(boundaries),
         },
         attrs={
@@ -265,11 +252,8 @@ def incremental_dynamic_analysis(
             options,
             records=table,
         )
-        data["sensitivity"] = (
-            ("parameter", "record"),
-            slopes,
-            {"units": "1", "long_name": f"d ln a/d ln y of the least overturning {measure.name} a"},
-        )
+        long_name = f"d ln a/d ln y of the least overturning {measure.name} a"
+        data["sensitivity"] = as_variable(("parameter", "record"), slopes, "1", long_name)
         data = data.assign_coords(parameter=list(sensitivities))
     return data
 

@@ -19,6 +19,7 @@ from rockjax._batch.batch import responses, warn_of_failures
 from rockjax._boundaries.crossings import Crossings
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._options import Options
+from rockjax._parameters.registry import as_variable
 from rockjax._parameters.variants import pulse_period
 from rockjax._responses.datasets import derived_numbers
 from rockjax._responses.simulate import REST
@@ -124,12 +125,9 @@ def _add_boundaries(data: xarray.Dataset, column: np.ndarray, boundaries: np.nda
     `boundaries` are ordered by frequency and then by acceleration."""
     zeros = np.zeros(column.size, int)
     table, _ = Crossings(column, boundaries, zeros > 0, zeros).table(data.sizes["frequency_ratio"])
-    ratio_attrs = {
-        "units": "1",
-        "long_name": "a_p/(g tan α) at changes of the outcome between neighbouring grid points",
-    }
-    least = ratio_attrs | {"long_name": "least overturning a_p/(g tan α), bisected between grid points"}
+    least = "least overturning a_p/(g tan α), bisected between grid points"
+    changes = "a_p/(g tan α) at changes of the outcome between neighbouring grid points"
     return data.assign(
-        minimum=("frequency_ratio", table[:, 0], least),
-        boundaries=(("frequency_ratio", "boundary"), table, ratio_attrs),
+        minimum=as_variable("frequency_ratio", table[:, 0], "1", least),
+        boundaries=as_variable(("frequency_ratio", "boundary"), table, "1", changes),
     ).assign_coords(boundary=boundary_axis(table))

@@ -8,8 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from rockjax._boundaries.boundary import (
     BOUNDARY,
     MAX_ACCELERATION_RATIO,
@@ -20,13 +18,13 @@ from rockjax._boundaries.boundary import (
 from rockjax._boundaries.crossings import Scan, scan
 from rockjax._boundaries.implicit import log_sensitivities
 from rockjax._boundaries.margin import DEFAULT_WIDTH
-from rockjax._checks import as_float, require
+from rockjax._checks import as_axis, require_positive
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._machine.memory import REQUEST_FEWER, require_memory
 from rockjax._machine.threads import TABLE_MODULES, import_in_background
 from rockjax._motions.convert import as_pulse
 from rockjax._options import Options
-from rockjax._parameters.registry import variable_attributes
+from rockjax._parameters.registry import as_variable, variable_attributes
 from rockjax._parameters.sensitivities import check_parameters
 from rockjax._parameters.variants import pulse_period
 from rockjax._responses.arguments import check_single, check_types, warn_of_small_restitution
@@ -86,10 +84,8 @@ def overturning_spectrum(
     check_types(owner, podium, options)
     warn_of_small_restitution(podium, stacklevel=3)
     pulse = as_pulse(owner, pulse)
-    x = np.asarray(as_float(frequency_ratio, f"{owner}: frequency_ratio"))
-    if x.ndim != 1 or x.size == 0:
-        raise ValueError(f"{owner}: frequency_ratio must be a 1-D array with values, got shape {x.shape}")
-    require(owner, "frequency_ratio", x, lambda v: v > 0, "finite and > 0")
+    x = as_axis(owner, "frequency_ratio", frequency_ratio)
+    require_positive(owner, frequency_ratio=x)
     check_limit(owner, "max_acceleration_ratio", max_acceleration_ratio)
     check_single(owner, podium)
     check_search(owner, width, resolution)
@@ -110,11 +106,9 @@ def overturning_spectrum(
     if sensitivities:
         a_p, T_p = data["minimum"].values * g_tan_alpha, data["T_p"].values
         slopes = log_sensitivities(podium, a_p, {"T_p": T_p}, tuple(sensitivities), options, pulse=pulse)
-        data["sensitivity"] = (
-            ("parameter", "frequency_ratio"),
-            data["minimum"].values * slopes,
-            {"units": "1", "long_name": "d a_ov/d ln y divided by g tan α, along the minimum"},
-        )
+        slopes, dims = data["minimum"].values * slopes, ("parameter", "frequency_ratio")
+        long_name = "d a_ov/d ln y divided by g tan α, along the minimum"
+        data["sensitivity"] = as_variable(dims, slopes, "1", long_name)
         data = data.assign_coords(parameter=list(sensitivities))
     return data
 
@@ -162,43 +156,24 @@ def _dataset(podium: Podium, pulse, x, search: Scan, derived, options: Options) 
 
     boundaries, impacts = search.crossings.table(x.size)
     T_p = pulse_period(derived["p_rad_s"], x)
-    ratio_attrs = {"units": "1", "long_name": "a_p/(g tan α)"}
+    minimum, axis = boundaries[:, 0], "frequency_ratio"
+    dims, one_sided = (axis, "boundary"), search.dip < ONE_SIDED_BELOW
+    jumps = "the minimum is about to jump to another branch"
+    undetected = "largest width of an undetected interval that overturns"
+    minimum_a_p = minimum * derived["g_tan_alpha_m_s2"]
     data = xarray.Dataset(
         {
-            "minimum": (
-                "frequency_ratio",
-                boundaries[:, 0],
-                ratio_attrs | {"long_name": "least overturning a_p/(g tan α)"},
-            ),
-            "boundaries": (("frequency_ratio", "boundary"), boundaries, ratio_attrs),
-            "impacts": (
-                ("frequency_ratio", "boundary"),
-                impacts,
-                {"units": "1", "long_name": "impacts before overturning"},
-            ),
-            "one_sided": (
-                "frequency_ratio",
-                search.dip < ONE_SIDED_BELOW,
-                {"units": "1", "long_name": "the minimum is about to jump to another branch"},
-            ),
-            "certain_width": (
-                "frequency_ratio",
-                search.certain_width,
-                {
-                    "units": "1",
-                    "long_name": "largest width of an undetected interval that overturns",
-                },
-            ),
+            "minimum": as_variable(axis, minimum, "1", "least overturning a_p/(g tan α)"),
+            "boundaries": as_variable(dims, boundaries, "1", "a_p/(g tan α)"),
+            "impacts": as_variable(dims, impacts, "1", "impacts before overturning"),
+            "one_sided": as_variable(axis, one_sided, "1", jumps),
+            "certain_width": as_variable(axis, search.certain_width, "1", undetected),
         },
         coords={
             "boundary": boundary_axis(boundaries),
-            "frequency_ratio": ("frequency_ratio", x, variable_attributes("frequency_ratio")),
-            "T_p": ("frequency_ratio", T_p, variable_attributes("T_p")),
-            "minimum_a_p": (
-                "frequency_ratio",
-                boundaries[:, 0] * derived["g_tan_alpha_m_s2"],
-                {"units": "m s-2", "long_name": "least overturning pulse acceleration"},
-            ),
+            axis: (axis, x, variable_attributes(axis)),
+            "T_p": (axis, T_p, variable_attributes("T_p")),
+            "minimum_a_p": as_variable(axis, minimum_a_p, "m s-2", "least overturning pulse acceleration"),
         },
     )
     data.attrs = _attributes(podium, pulse, options)

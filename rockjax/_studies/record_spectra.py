@@ -16,11 +16,12 @@ from rockjax._batch.batch import peak_responses
 from rockjax._boundaries.boundary import check_limit, check_search
 from rockjax._boundaries.crossings import precompile_scan, scan
 from rockjax._boundaries.margin import DEFAULT_WIDTH
-from rockjax._checks import as_float, require
+from rockjax._checks import as_axis, require
 from rockjax._machine.threads import TABLE_MODULES, import_in_background
 from rockjax._motions.convert import AnyMotions, as_records
 from rockjax._motions.provenance import record_coords
 from rockjax._options import Options
+from rockjax._parameters.registry import as_variable
 from rockjax._responses.arguments import check_single, check_types
 from rockjax._responses.datasets import describe_options, describe_podium
 from rockjax._structures import Podium
@@ -81,7 +82,8 @@ def record_spectrum(
     motions = records
     records, own_names = as_records(owner, motions)
     count, labels = len(records), record_labels(owner, records, own_names if names is None else names)
-    sizes = _checked_sizes(owner, p)
+    sizes = as_axis(owner, "p", p, ascending=True)
+    require(owner, "p", sizes, lambda v: v > 0, "finite and > 0 rad/s")
     check_single(owner, podium)
     check_limit(owner, "max_scale", max_scale)
     check_search(owner, width, resolution)
@@ -111,29 +113,23 @@ def record_spectrum(
     displacement = np.where(overturned, np.nan, 2 * R * (np.sin(alpha) - np.sin(alpha * (1 - rotation))))
     import xarray
 
-    ratio_attrs, dims = {"units": "1"}, ("record", "p")
+    dims = ("record", "p")
+    demand, certain_width = (1 / least_scale).reshape(shape), search.certain_width.reshape(shape)
+    undetected = "largest width of an undetected interval that overturns"
     return xarray.Dataset(
         {
-            "demand": (
-                dims,
-                (1 / least_scale).reshape(shape),
-                ratio_attrs | {"long_name": "PGA divided by least overturning PGA"},
-            ),
-            "certain_width": (
-                dims,
-                search.certain_width.reshape(shape),
-                ratio_attrs | {"long_name": "largest width of an undetected interval that overturns"},
-            ),
-            "peak_rotation": (dims, rotation, ratio_attrs | {"long_name": "max|θ|/α"}),
+            "demand": as_variable(dims, demand, "1", "PGA divided by least overturning PGA"),
+            "certain_width": as_variable(dims, certain_width, "1", undetected),
+            "peak_rotation": as_variable(dims, rotation, "1", "max|θ|/α"),
             "overturned": (dims, overturned, {"long_name": "overturned"}),
-            "result": (dims, code, ratio_attrs | {"long_name": "result of the scene", **results.FLAGS}),
-            "top_displacement": (dims, displacement, {"units": "m", "long_name": "max|u_b|"}),
+            "result": as_variable(dims, code, "1", "result of the scene", **results.FLAGS),
+            "top_displacement": as_variable(dims, displacement, "m", "max|u_b|"),
         },
         coords={
             "record": ("record", labels, {"long_name": "record"}),
             **record_coords(records, motions),
-            "p": ("p", sizes, {"units": "rad s-1", "long_name": "frequency parameter p"}),
-            "R": ("p", R, {"units": "m", "long_name": "half diagonal of a column R"}),
+            "p": as_variable("p", sizes, "rad s-1", "frequency parameter p"),
+            "R": as_variable("p", R, "m", "half diagonal of a column R"),
         },
         attrs={
             "title": "Spectra of records",
@@ -144,16 +140,6 @@ def record_spectrum(
             **describe_options(options),
         },
     )
-
-
-def _checked_sizes(owner: str, p: Float[ArrayLike, " n"]) -> np.ndarray:
-    """Return the frequency parameters of `record_spectrum` as an array. Raises `ValueError` unless they are
-    positive and ascending."""
-    sizes = np.asarray(as_float(p, f"{owner}: p"))
-    if sizes.ndim != 1 or sizes.size == 0 or np.any(np.diff(sizes) <= 0):
-        raise ValueError(f"{owner}: p must be a 1-D array of ascending values, got {p!r}")
-    require(owner, "p", sizes, lambda v: v > 0, "finite and > 0 rad/s")
-    return sizes
 
 
 def _with_rotation(options: Options) -> Options:

@@ -16,14 +16,21 @@ import numpy as np
 
 from rockjax import _results as results
 from rockjax._batch.batch import responses, warn_of_failures
-from rockjax._checks import as_float, as_strings, format_value, require, require_instance
+from rockjax._checks import (
+    as_axis,
+    as_strings,
+    format_value,
+    require_instance,
+    require_not_negative,
+    require_positive,
+)
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._machine.memory import BYTES_PER_SCENE, BYTES_PER_SENSITIVITY, require_memory
 from rockjax._machine.threads import TABLE_MODULES, import_in_background, submit
 from rockjax._motions.convert import as_pulse
 from rockjax._options import Options
 from rockjax._outputs.base import JOINTS
-from rockjax._parameters.registry import variable_attributes
+from rockjax._parameters.registry import as_variable, variable_attributes
 from rockjax._parameters.variants import pulse_period
 from rockjax._responses.arguments import check_types, warn_of_small_restitution
 from rockjax._responses.datasets import derived_numbers, describe
@@ -255,12 +262,9 @@ def _axes(owner: str, frequency_ratio, acceleration_ratio) -> dict[str, np.ndarr
     """Return both axes by name as arrays. Raise `ValueError` if an axis is not 1-D, is empty, or has a value
     that is not finite or out of range."""
     arguments = {"frequency_ratio": frequency_ratio, "acceleration_ratio": acceleration_ratio}
-    axes = {name: np.asarray(as_float(values, f"{owner}: {name}")) for name, values in arguments.items()}
-    for name, values in axes.items():
-        if values.ndim != 1 or values.size == 0:
-            raise ValueError(f"{owner}: {name} must be a 1-D array with values, got shape {values.shape}")
-    require(owner, "frequency_ratio", axes["frequency_ratio"], lambda v: v > 0, "finite and > 0")
-    require(owner, "acceleration_ratio", axes["acceleration_ratio"], lambda v: v >= 0, "finite and >= 0")
+    axes = {name: as_axis(owner, name, values) for name, values in arguments.items()}
+    require_positive(owner, frequency_ratio=axes["frequency_ratio"])
+    require_not_negative(owner, acceleration_ratio=axes["acceleration_ratio"])
     return axes
 
 
@@ -372,23 +376,14 @@ def _dataset(podium: Podium, pulse, axes, a_p, T_p, peaks: Peak, options: Option
         data_variables(peaks, options.outputs, dims),
         coords={
             **parameter_axis(peaks.sensitivities),
-            "frequency_ratio": (
-                "frequency_ratio",
-                axes["frequency_ratio"],
-                variable_attributes("frequency_ratio"),
-            ),
-            "acceleration_ratio": (
-                "acceleration_ratio",
-                axes["acceleration_ratio"],
-                variable_attributes("acceleration_ratio"),
-            ),
+            **{name: (name, axes[name], variable_attributes(name)) for name in reversed(dims)},
             "T_p": ("frequency_ratio", T_p, variable_attributes("T_p")),
             "a_p": ("acceleration_ratio", a_p, variable_attributes("a_p")),
         },
     )
     if "least_axial_force" in dataset:
-        attributes = {"units": "1", "long_name": "axial force of the mean column at rest N/(m_c g)"}
-        dataset.coords["dead_load"] = JOINTS, np.asarray(podium.dead_load), attributes
+        long_name = "axial force of the mean column at rest N/(m_c g)"
+        dataset.coords["dead_load"] = as_variable(JOINTS, np.asarray(podium.dead_load), "1", long_name)
     dataset.attrs = _attributes(podium, pulse, options)
     return dataset
 

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from rockjax._checks import as_float, require_instance
+from rockjax._checks import as_axis, require_instance
 from rockjax._excitations.base import AbstractExcitation
 from rockjax._motions.convert import AnyMotions
 from rockjax._motions.provenance import describe_motions
@@ -120,12 +120,7 @@ def grid(structure: Podium | Dimensions, excitation: AnyMotions, **axes: Float[A
     coords = Coords({} if labels is None else {"motion": labels})
     coords.motions = describe_motions(excitation)
     for name, values in axes.items():
-        values = np.asarray(as_float(values, f"grid: {name}"))
-        if values.ndim != 1 or not len(values):
-            raise ValueError(
-                f"grid: {name} must be one-dimensional with at least one value, got shape {values.shape}"
-            )
-        coords[name] = values
+        coords[name] = as_axis("grid", name, values)
     parameters = structure_parameters(structure)
     coords.attributes = {name: parameters[name].variable_attributes for name in axes if name in parameters}
     check_names("grid", "axes", tuple(axes), variable_parameters(structure, motion, labels is None))

@@ -232,7 +232,7 @@ def test_measures_and_units_must_match():
 def test_the_disaggregation_is_a_density():
     found = rj.disaggregation(rj.Lognormal(1.5, 0.4), HAZARD, at=np.geomspace(0.01, 60, 4001))
     assert np.trapezoid(found["density"], np.log(found["intensity"])) == pytest.approx(1, abs=1e-3)
-    for at, words in ((2.0, "1-D array of intensities"), ([[1.0]], "1-D array"), ([], "1-D"), ([0.0], "> 0")):
+    for at, words in ((2.0, "1-D array with values"), ([[1.0]], "1-D array"), ([], "1-D"), ([0.0], "> 0")):
         with pytest.raises(ValueError, match=f"disaggregation: at must be .*{words}"):
             rj.disaggregation(rj.Lognormal(1.5, 0.4), HAZARD, at=at)
 

@@ -429,7 +429,7 @@ def test_progress_counts_motions():
     [
         ({"periods": [0.0, 1.0]}, "periods must be finite and > 0 s, got periods = 0.0"),
         ({"periods": [math.inf]}, "periods must be finite and > 0 s, got periods = inf"),
-        ({"periods": []}, "periods must be a number or a 1-D array with values"),
+        ({"periods": []}, "periods must be a 1-D array with values"),
         ({"damping": 1.0}, r"damping must be in \[0, 1\), got damping = 1.0"),
         ({"damping": [-0.1]}, r"damping must be in \[0, 1\), got damping = -0.1"),
         ({"level": "roof"}, "level must be 'deck' or a story from 1 to 1, got level = 'roof'"),
