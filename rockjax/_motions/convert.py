@@ -109,7 +109,7 @@ def as_motions(owner: str, value, name: str = "motion") -> list[Motion]:
     `record k`, where k is its position in the list, from 1. For a `GroundMotion`, the list contains only the
     horizontal component. Raises `ValueError` for motions without samples, and for traced samples."""
     motions = []
-    for k, member in enumerate(_flatten(owner, value, name), start=1):
+    for k, member in enumerate(flatten_motions(owner, value, name), start=1):
         if isinstance(member, Motion):
             motions.append(member)
             continue
@@ -127,7 +127,7 @@ def as_motions(owner: str, value, name: str = "motion") -> list[Motion]:
 def single_motions(owner: str, value, name: str) -> SingleMotions:
     """Return all single motions in an argument, which may be one motion, a table or `Motions`, or a nested
     list of these. Raises `ValueError` for a batch of another class, and if there is no motion."""
-    members = _flatten(owner, value, name)
+    members = flatten_motions(owner, value, name)
     labels = [y.name if isinstance(y, Motion) else pulse_name(y) for y in members]
     names = [label for label in labels if label is not None]
     return SingleMotions(
@@ -136,8 +136,8 @@ def single_motions(owner: str, value, name: str) -> SingleMotions:
     )
 
 
-def _flatten(owner: str, value, name: str) -> list[Motion | AbstractExcitation]:
-    """Return the motions of `single_motions`, with every `Motion` as it is."""
+def flatten_motions(owner: str, value, name: str) -> list[Motion | AbstractExcitation]:
+    """Return the motions of `single_motions`, with every `Motion` as it is. Rows of tables become records."""
     if isinstance(value, Motion):
         return [value]
     if isinstance(value, Records):
@@ -145,7 +145,7 @@ def _flatten(owner: str, value, name: str) -> list[Motion | AbstractExcitation]:
     if isinstance(value, AbstractExcitation):
         return [require_single(owner, value, name)]
     if isinstance(value, Iterable) and not isinstance(value, _NO_MOTIONS):
-        members = [y for k, entry in enumerate(value) for y in _flatten(owner, entry, f"{name}[{k}]")]
+        members = [y for k, entry in enumerate(value) for y in flatten_motions(owner, entry, f"{name}[{k}]")]
         if not members:
             raise ValueError(f"{owner}: {name} must hold at least one motion, got none")
         return members

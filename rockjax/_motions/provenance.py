@@ -13,6 +13,7 @@ import numpy as np
 from rockjax._excitations.ground import GroundMotion
 from rockjax._parameters.registry import as_variable
 
+from .convert import flatten_motions
 from .motion import Motion, Motions
 from .record import Record
 from .records import RecordPairs, Records
@@ -69,9 +70,7 @@ def describe_motions(excitations: Any) -> dict[str, Any]:
         assert isinstance(record, Record)
         return describe_record(record) | dict(describe_origin(excitations))
     if isinstance(excitations, list | tuple | Motions):
-        rows = [describe_motions(motion) for motion in _flattened(excitations)]
-        if any(isinstance(row.get("record_sha256"), list) for row in rows):
-            return {}  # a table among the motions has several values of each attribute
+        rows = [describe_motions(y) for y in flatten_motions("describe_motions", excitations, "excitations")]
         names = dict.fromkeys(name for row in rows for name in row)
         return {name: [row.get(name, _missing(name)) for row in rows] for name in names}
     if isinstance(excitations, GroundMotion) and not isinstance(excitations, RecordPairs):
@@ -95,19 +94,6 @@ def _missing(name: str) -> str | float:
     return float("nan") if name in _NUMBERS else ""
 
 
-def _flattened(argument: Any) -> list[Any]:
-    """Return the motions in a value, also those in nested lists."""
-    if isinstance(argument, list | tuple | Motions):
-        return [motion for element in argument for motion in _flattened(element)]
-    return [argument]
-
-
-def _named_motions(argument: Any) -> list[Motion]:
-    """Return all `Motion` objects in a value, also those in nested lists. Other excitations are left out,
-    because they have neither a name nor a source."""
-    return [motion for motion in _flattened(argument) if isinstance(motion, Motion)]
-
-
 def record_coords(records: Records | RecordPairs, argument: Any = None) -> dict[str, Any]:
     """Return dataset coordinates along the dimension `record` that identify records: dt [s], PGA [m/s²] and
     checksum of every record; for pairs, of the horizontal record. If `argument`, the motions from which the
@@ -119,7 +105,8 @@ def record_coords(records: Records | RecordPairs, argument: Any = None) -> dict[
         for row, count in zip(np.asarray(table.acceleration), np.asarray(table.counts), strict=True)
     ]
     pga = np.array([np.abs(row).max(initial=0.0) for row in rows])
-    origins = [dict(describe_origin(motion)) for motion in _named_motions(argument)]
+    members = [] if argument is None else flatten_motions("record_coords", argument, "motions")
+    origins = [dict(describe_origin(motion)) for motion in members]
     optional = {}
     for name, long_name in (("source", "file of the record"), ("seed", "seed of the synthetic motion")):
         values = [origin[f"record_{name}"] for origin in origins if f"record_{name}" in origin]
