@@ -40,22 +40,14 @@ def linear_models(x: Vector, current: Evaluation, points: EvaluatedPoints) -> Mo
     """Return the linear models for steps from x (n,): one built at x, and one built at each of `points`,
     called cuts. If a cut predicts a larger objective value at x than that of `current`, it is lowered to that
     value. If it predicts a smaller margin, it is raised to that margin."""
-    k, m = len(current.f), len(current.c)
     f, f_slope, c, c_slope = [current.f], [current.f_slope], [current.c], [current.c_slope]
     for point, evaluation in points:
         f.append(np.minimum(evaluation.f + evaluation.f_slope @ (x - point), current.f))
         f_slope.append(evaluation.f_slope)
         c.append(np.maximum(evaluation.c + evaluation.c_slope @ (x - point), current.c))
         c_slope.append(evaluation.c_slope)
-    model_count = 1 + len(points)
-    return Model(
-        np.concatenate(f),
-        np.concatenate(f_slope),
-        np.concatenate(c),
-        np.concatenate(c_slope),
-        np.tile(np.arange(k), model_count),
-        np.tile(np.arange(m), model_count),
-    )
+    margin_index = np.tile(np.arange(len(current.c)), len(c))
+    return Model(*map(np.concatenate, (f, f_slope, c, c_slope)), margin_index)
 
 
 def points_near(x: Vector, points: EvaluatedPoints) -> EvaluatedPoints:

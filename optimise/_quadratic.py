@@ -28,7 +28,6 @@ class Model(NamedTuple):
 
     - `f`: modelled values (k,) at d = 0; `f_slope`: their Jacobian (k, n)
     - `c`: modelled margins (m,) at d = 0; `c_slope`: their Jacobian (m, n)
-    - `value_index` (k,): index of the objective value that each entry of `f` models
     - `margin_index` (m,): index of the margin that each entry of `c` models
     """
 
@@ -36,7 +35,6 @@ class Model(NamedTuple):
     f_slope: Vector
     c: Vector
     c_slope: Vector
-    value_index: Vector
     margin_index: Vector
 
     def value(self, d: Vector) -> float:

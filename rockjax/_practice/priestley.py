@@ -35,29 +35,6 @@ def damping(restitution: float) -> float:
     return -0.68 * math.log(restitution) if restitution > 0 else math.inf
 
 
-def amplitude_after_impacts(phi: float, restitution: float, impacts: int) -> float:
-    """Return the amplitude of free rocking φ_n = 1 − √(1 − e²ⁿ[1−(1−φ)²]) after n impacts (Housner 1963) [–].
-
-    - `phi`: amplitude φ = θ/α at the start, in [0, 1) [–]
-    - `restitution`: velocity factor e of an impact, in [0, 1] [–]
-    - `impacts`: number n of impacts, ≥ 0
-    """
-    return 1 - math.sqrt(1 - restitution ** (2 * impacts) * (1 - (1 - phi) ** 2))
-
-
-def damping_of_decay(phi: float, restitution: float, impacts: int) -> float:
-    """Return the damping ratio β = ln(φ_0/φ_n)/(nπ), Eq. (10) of Makris & Konstantinidis (2003) [–].
-
-    A lightly damped oscillator with this damping ratio decays in n half cycles as much as a block in n
-    impacts. `damping` approximates this ratio.
-
-    - `phi`: amplitude φ_0 = θ/α at the start, in (0, 1) [–]
-    - `restitution`: velocity factor e of an impact, in (0, 1] [–]
-    - `impacts`: number n of impacts, ≥ 1
-    """
-    return math.log(phi / amplitude_after_impacts(phi, restitution, impacts)) / (impacts * math.pi)
-
-
 def rotations(block: Block, motion: Motion, damping_ratio: float) -> Roots:
     """Return the solutions φ of φ = S_d(T(φ), β)/(ĥα), (P3) and (P4), with the displacement spectrum S_d.
 

@@ -45,7 +45,7 @@ class LineCrossings(NamedTuple):
     - `survivor`: the nearest evaluated position on the surviving side, shape (k,)
     - `G`: value of G at `position`, shape (k,)
     - `enters`: True if the line enters failure with ascending c, False if it leaves failure, shape (k,)
-    - `fails_first`, `fails_last`: whether each line fails at its first and at its last position, shape (m,)
+    - `fails_first`: whether each line fails at its first position, shape (m,)
     """
 
     line: np.ndarray
@@ -54,7 +54,6 @@ class LineCrossings(NamedTuple):
     G: np.ndarray
     enters: np.ndarray
     fails_first: np.ndarray
-    fails_last: np.ndarray
 
 
 class _Intervals(NamedTuple):
@@ -95,9 +94,8 @@ def find_crossings(
     sizes = np.array([len(c) for c in positions])
     line, c = np.repeat(np.arange(len(positions)), sizes), np.concatenate([*positions, np.zeros(0)])
     value = limit.values(origin[line] + c[:, None] * direction[line])
-    ends = np.cumsum(sizes)
-    first, last = value[ends - sizes] <= 0, value[ends - 1] <= 0
-    return LineCrossings(*narrow_crossings(limit, origin, direction, line, c, value), first, last)
+    fails_first = value[np.cumsum(sizes) - sizes] <= 0
+    return LineCrossings(*narrow_crossings(limit, origin, direction, line, c, value), fails_first)
 
 
 def narrow_crossings(
