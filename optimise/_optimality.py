@@ -47,7 +47,8 @@ def linear_models(x: Vector, current: Evaluation, points: EvaluatedPoints) -> Mo
         c.append(np.maximum(evaluation.c + evaluation.c_slope @ (x - point), current.c))
         c_slope.append(evaluation.c_slope)
     margin_index = np.tile(np.arange(len(current.c)), len(c))
-    return Model(*map(np.concatenate, (f, f_slope, c, c_slope)), margin_index)
+    join = np.concatenate
+    return Model(join(f), join(f_slope), join(c), join(c_slope), margin_index)
 
 
 def points_near(x: Vector, points: EvaluatedPoints) -> EvaluatedPoints:
