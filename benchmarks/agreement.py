@@ -148,6 +148,14 @@ class Scenes(NamedTuple):
 
         return Scenes(select(self.podium), select_motion(self.motion), select(self.initial), self.t_end[k])
 
+    def only(self, k: int) -> Scenes:
+        """Return scene k as a batch of one scene."""
+        return self.scene(k).as_batch()
+
+    def as_batch(self) -> Scenes:
+        """Return a single scene as a batch of one scene."""
+        return self._replace(motion=self.motion.scaled(np.ones(1)), t_end=np.reshape(self.t_end, 1))
+
 
 def scenes(kind: SceneKind, count: int, seed: int) -> Scenes:
     """Return random scenes of a kind; equal arguments give equal scenes."""
@@ -319,8 +327,7 @@ def differentiate(batch: Scenes, outputs: tuple[str, ...]) -> Differences:
     alpha = np.concatenate([ones[:1], up, down, ones, ones])
     scale = np.concatenate([ones[:1], ones, ones, up, down])
     shape = (len(alpha), len(batch.t_end))
-    # Sensitivities are requested only so that the compiled program is the same as in `compare`.
-    peaks = solve(batch.varied(alpha, scale), outputs, TOLERANCES[-1], sensitivities=PARAMETERS)
+    peaks = solve(batch.varied(alpha, scale), outputs, TOLERANCES[-1])
     answers = finite_columns(peaks, outputs, shape)
     centre, shifted = answers[:, :1], answers[:, 1:]
     by_side = shifted.reshape(len(answers), len(PARAMETERS), 2, len(h), shape[1])
@@ -473,9 +480,7 @@ def read(path: Path) -> tuple[SceneKind, Scenes]:
         np.asarray(y, np.asarray(z).dtype)
         for y, z in zip(data["leaves"], jax.tree.leaves(template), strict=True)
     ]
-    scene = jax.tree.unflatten(jax.tree.structure(template), leaves)
-    motion = scene.motion.scaled(np.ones(1))
-    return kind, scene._replace(motion=motion, t_end=np.reshape(scene.t_end, 1))
+    return kind, jax.tree.unflatten(jax.tree.structure(template), leaves).as_batch()
 
 
 def table(kind: SceneKind, deviations: list[Difference], count: int) -> list[str]:
