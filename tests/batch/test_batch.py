@@ -115,6 +115,7 @@ def test_everything_broadcasts():
         rj.peak_responses(rj.Podium(0.2, R), rj.OneSine(np.ones(4), 1.0))
 
 
+@pytest.mark.slow
 def test_records_shared_and_of_their_own():
     records = [shaking(120, seed=k) for k in range(3)]
     scales = np.array([0.5, 1.0, 1.5])
@@ -211,6 +212,7 @@ def test_every_scene_is_dealt_to_a_thread_once(total, threads, name):
     assert max(by_thread) - min(by_thread) <= len(chunks)
 
 
+@pytest.mark.slow(but=["rigid"])
 @pytest.mark.parametrize("name", ["rigid", "elastic"])
 def test_a_thread_that_is_alone_solves_the_chunks_of_the_others(name, monkeypatch):
     """This includes a thread that has already reduced its lanes because its own work was ending."""

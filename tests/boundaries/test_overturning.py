@@ -47,7 +47,7 @@ ROOTS = {
 
 
 @pytest.mark.smoke
-@pytest.mark.slow(but=["one-sine, b=.5 h=1.5", "*p=2*"])
+@pytest.mark.slow(but=["*p=2*"])
 @pytest.mark.parametrize("name", ROOTS)
 def test_published_roots(name):
     alpha, p, e, pulse, T_p, linear, full = ROOTS[name]
@@ -133,6 +133,7 @@ def test_margin_vanishes_on_the_boundary_and_has_one_slope_there(name):
     assert np.abs(peaks.margin[2]) < 1e-5
 
 
+@pytest.mark.slow
 def test_margin_far_from_the_boundary():
     """The margin is 1 without uplift and decreases far beyond the boundary, with matching derivatives."""
     podium = PODIUMS["rigid"]

@@ -585,6 +585,7 @@ def test_ctrl_c_ends_with_130(run, monkeypatch):
     assert os.listdir() == []
 
 
+@pytest.mark.slow(but=["spectrum"])
 @pytest.mark.parametrize("command", ["spectrum", "overturning"])
 def test_ctrl_c_while_files_are_written_loses_nothing(run, monkeypatch, command):
     line = f"{command} --gamma 10 --eta 20 --T-s 0 --frequency 2 4 --points 3 -q -o study".split()
@@ -735,6 +736,7 @@ damping = 0.02
 """
 
 
+@pytest.mark.slow
 def test_a_response_has_blocks_and_oscillators_on_the_floors(run, tmp_path):
     pulse = "[motions.pulse]\nkind = 'ricker'\na_p = 3.2\nT_p = 1.0\n"
     podium = "[structure]\nalpha = 0.15\nR = 1.5\ngamma = 10.0\n"

@@ -70,7 +70,7 @@ def test_under_records_and_from_rest(group):
     assert not [fault for motion in SAMPLED for fault in faults(group, motion)]
 
 
-@pytest.mark.slow(but=["none-free-horizontal-rough"])
+@pytest.mark.slow
 @pytest.mark.parametrize(("group", "motion"), FORCES, ids=["-".join(case) for case in FORCES])
 def test_forces_in_the_joints(group, motion):
     assert not faults(group, motion, agreement.FORCES)
@@ -83,7 +83,7 @@ def test_under_pulses(group, pulse):
     assert not faults(group, pulse)
 
 
-@pytest.mark.slow(but=["modes-free-horizontal-steps-58", "elastic-power-horizontal-rest-58"])
+@pytest.mark.slow(but=["elastic-power-horizontal-rest-58"])
 @pytest.mark.parametrize(
     ("name", "scene", "output", "right"), TURNS, ids=[f"{name}-{scene}" for name, scene, *_ in TURNS]
 )
@@ -97,7 +97,7 @@ def test_derivatives_at_turning_points(name, scene, output, right):
             assert expected is None or slope == pytest.approx(expected, rel=1.5e-5), rtol
 
 
-@pytest.mark.slow(but=["elastic-free-horizontal-steps-16-peak_axial_force"])
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "seed", "scene", "answer", "joint", "right"),
     FORCE_TURNS,

@@ -146,6 +146,7 @@ def test_the_end_on_an_uplift():
     assert np.abs(slopes[..., 6]).min() > 1e-3
 
 
+@pytest.mark.slow
 def test_an_uplift_on_a_sample():
     """The uplift time has the derivative of the piece in which the ground acceleration exceeds the threshold,
     whether the next sample is lower or higher."""
@@ -171,6 +172,7 @@ def test_an_uplift_on_a_sample():
         np.testing.assert_allclose(same[-1, 1], [-0.4, 4.0, 1.0], rtol=1e-8)
 
 
+@pytest.mark.slow
 def test_the_end_before_the_first_uplift():
     """A record under an elastic superstructure, cut between two samples."""
     podium = rj.Podium(0.15, 1.5, 10.0, rj.Elastic(100.0, 0.5))

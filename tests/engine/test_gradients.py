@@ -220,7 +220,7 @@ def test_a_peak_at_the_end_moves_with_it():
     assert float(jax.grad(peak)(0.1)) == pytest.approx(slope, rel=1e-7)
 
 
-@pytest.mark.slow(but=["rigid-tsit5"])
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "method"), [("rigid", "tsit5"), ("elastic", "dopri8")])
 def test_all_samples_of_a_record(name, method):
     """Reverse mode with respect to all samples is correct, independently of the compiler's rounding."""

@@ -687,7 +687,7 @@ def check_peaks(found, expected, podium, tolerance: float) -> None:
         np.testing.assert_allclose(number, reference, rtol=0, atol=tolerance, err_msg=name)
 
 
-@pytest.mark.slow(but=["block", "devices in the bottom joint"])
+@pytest.mark.slow(but=["block"])
 @pytest.mark.parametrize("name", SCENES)
 def test_peaks_of_an_independent_integrator(name):
     scene = SCENES[name]
@@ -962,6 +962,7 @@ def test_histories(name):
             near(np.asarray(there.horizontal)[k].T, expected.T[0] / G, 1e-9, size)
 
 
+@pytest.mark.slow
 def test_moment_and_shape_of_histories():
     """Axes are times, columns and joints. Without an elevation, forces are those of the mean column and there
     is no moment."""

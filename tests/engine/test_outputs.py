@@ -120,6 +120,7 @@ def with_every_trial(plan):
     return dataclasses.replace(plan, fast_forwards=(), to_the_end=True)
 
 
+@pytest.mark.slow(but=["rigid-rough-True", "building with devices-Ricker-False"])
 @pytest.mark.parametrize(
     ("kind", "motion", "joints"),
     [
@@ -152,6 +153,7 @@ def test_no_fast_forward_changes_an_output(kind, motion):
             same(solved(podium, shaking, outputs, change)[0], expected)
 
 
+@pytest.mark.slow(but=["unloading"])
 @pytest.mark.parametrize("output", [Unloading(), FrictionUse(0.16)], ids=lambda output: output.name)
 def test_no_margin_needs_every_trial(output):
     """The outputs of design targets are the same without all fast-forwards and the certificate."""

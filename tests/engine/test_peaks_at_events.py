@@ -28,7 +28,7 @@ AT_UPLIFT = {
 }
 
 
-@pytest.mark.slow(but=["one-sine", "one-sine, longer", "record"])
+@pytest.mark.slow(but=["one-sine"])
 @pytest.mark.parametrize("motion", AT_UPLIFT)
 def test_shear_at_uplift_moves_with_the_uplift(motion):
     """V/(m g) = tan α at the uplift, for every motion."""
@@ -92,7 +92,7 @@ STEEP = {
 }
 
 
-@pytest.mark.slow(but=["rigid"])
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", STEEP)
 def test_turning_points_with_power_law_dampers(scene):
     """The overturning margin and its derivatives at all tolerances."""
@@ -118,6 +118,7 @@ def test_turning_points_with_power_law_dampers(scene):
             np.testing.assert_allclose(slope, slopes[0], rtol=3e-5, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_time_of_a_peak_with_a_power_law_damper():
     podium = rj.Podium(ALPHA, 2.0, 0.5, superstructure=rj.Rigid(2.0), restrainers=(rj.Damper(0.3, 0.4),))
 
@@ -131,7 +132,7 @@ def test_time_of_a_peak_with_a_power_law_damper():
         assert float(jax.grad(peak_time)(1.0, rtol)) == pytest.approx(expected, rel=1e-4)
 
 
-@pytest.mark.slow(but=["rigid"])
+@pytest.mark.slow
 @pytest.mark.parametrize("top", [rj.Rigid(2.0), rj.Elastic(2.0, 0.4)], ids=["rigid", "elastic"])
 def test_restrainers_of_no_strength_are_none(top):
     """Answers are bitwise identical, and derivatives with respect to the strengths exist."""
@@ -197,6 +198,7 @@ def test_stiff_superstructures_in_full_contact(T_s, zeta, seed):
     assert float(peak.peak_deformation) == pytest.approx(expected, rel=1e-7)
 
 
+@pytest.mark.slow
 def test_floor_accelerations_in_the_last_bounces():
     """With residual mass and hops of 1e-11 s, derivatives do not depend on the tolerance."""
     building = rj.ShearBuilding(np.array([3.0, 8.0, 1.2]), np.array([2750.0, 1780.0, 1090.0]), 0.13, modes=2)

@@ -306,6 +306,7 @@ def test_derivatives_by_numbers_of_both_motions():
         assert float(forward[k]) == pytest.approx(slope, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_derivatives_where_jumps_of_both_fall_together():
     """Coinciding breakpoints whose times have different derivatives."""
 
@@ -341,6 +342,7 @@ def test_invalid_pairs():
         rj.GroundMotion(rj.OneSine(2.5, 0.8), PAIR)
 
 
+@pytest.mark.slow
 def test_weight_that_touches_zero():
     """g + v̈_g of 1e-9 g or of one unit in the last place is solved; zero or less is an error."""
     most = lambda a: pair(2.0, -a)

@@ -76,6 +76,7 @@ def test_a_design_under_a_motion_that_overturns_is_not_satisfied():
     assert found.overturned == {"shear": 1}
 
 
+@pytest.mark.slow
 def test_a_design_marks_peaks_of_scenes_that_overturned():
     """Without a target, only this mark shows that the columns do not survive the second motion."""
     motions = [rj.OneSine(2.0, 0.8), rj.OneSine(9.0, 1.0)]

@@ -64,7 +64,7 @@ def varied(name, value):
 START = {"height": HEIGHT, "distance": 3.0, "depth": 0.6, "alpha": 0.15, "gamma": 10.0}
 
 
-@pytest.mark.slow(but=["height"])
+@pytest.mark.slow
 @pytest.mark.parametrize("name", START)
 def test_derivatives_through_lift_off(name):
     """Forward and reverse derivatives of all margins against central differences. All targets read the same
@@ -84,6 +84,7 @@ def test_derivatives_through_lift_off(name):
     assert np.all(np.abs(np.asarray(jax.jacrev(margins)(at)) - expected) <= 3 * scale)
 
 
+@pytest.mark.slow
 def test_a_joint_without_dead_load_that_pulls():
     """A damper pulls a weightless beam off the columns. Without the damper, the beam carries no force."""
     motions, block = [rj.Ricker(6.5105, 0.7931)], rj.Podium(0.25, 1.2)
@@ -123,6 +124,7 @@ def test_friction_coefficient_inside_jit():
         jax.jit(margins)(0.25)
 
 
+@pytest.mark.slow
 def test_where_columns_overturn_margins_are_those_of_overturning():
     pulses = [rj.Ricker(20.0, 1.5)]
     overturned = float(

@@ -128,6 +128,7 @@ def test_a_design_reads_the_keys_of_checks(tmp_path):
             optimise.load(tmp_path / "problem.toml")
 
 
+@pytest.mark.slow
 def test_columns_so_stocky_that_no_factor_of_restitution_is_positive(tmp_path):
     """Rocking ends at the first impact. Checks under other laws and with changed inputs are made, and the
     laws of impact agree."""
@@ -271,6 +272,7 @@ def test_a_design_takes_the_median_in_the_same_measure(tmp_path):
     np.testing.assert_allclose(np.array(peaks) * scales, 1.0)
 
 
+@pytest.mark.slow
 def test_a_changed_sampling_interval_solves_the_scenes_again(tmp_path):
     """The samples, and so their hashes, stay the same."""
     np.savetxt(tmp_path / "noise.txt", 4 * np.sin(np.linspace(0, 8 * np.pi, 400)) * np.hanning(400))
@@ -286,6 +288,7 @@ def test_a_changed_sampling_interval_solves_the_scenes_again(tmp_path):
     assert np.all(rotations[0] != rotations[1])
 
 
+@pytest.mark.slow
 def test_another_pulse_with_vertical_motion_solves_the_scenes_again(tmp_path):
     """The numbers of the pulses stay the same."""
     store, rotations = Store(), []

@@ -274,6 +274,7 @@ def analysis():
     return table, data
 
 
+@pytest.mark.slow
 def test_boundaries_are_where_the_verdict_changes(analysis):
     table, data = analysis
     places = data["boundaries"].values
