@@ -741,7 +741,7 @@ def reference_slope(scene: Scene, y: np.ndarray, direction: np.ndarray) -> np.nd
 
 
 def test_derivatives_along_a_direction():
-    """The derivative of all forces with respect to all numbers together; `test_derivatives` separates them."""
+    """Derivatives with respect to all numbers together; `test_derivatives` separates them."""
     scene = PLACES["just before an impact"]
     y = numbers_of(scene)
     direction = np.where(y == 0, 1.0, y) * [1.0, -0.7, 0.4, 0.9, -0.3, 0.6]
