@@ -1,6 +1,8 @@
-"""Structures, motions and an interrupting progress bar that several tests use."""
+"""Structures, motions, an interrupting progress bar and a full disk that several tests use."""
 
+import contextlib
 import math
+import signal
 
 import jax
 import numpy as np
@@ -58,6 +60,21 @@ def operations_of_trial(podium: rj.Podium, motion: rj.AbstractExcitation, option
     start = lambda: prepare(structure, motion, rj.State(), None, options, plan)
     scene, state = jax.eval_shape(start)
     return _operations(jax.make_jaxpr(lambda scene, state: trial(scene, plan, state))(scene, state).jaxpr)
+
+
+@contextlib.contextmanager
+def limited_files(size):
+    """Limit the size of files [bytes], so that writing fails as on a full disk."""
+    import resource  # limits and signals are POSIX
+
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        signal.signal(signal.SIGXFSZ, handler)
 
 
 class Stops:

@@ -668,6 +668,14 @@ def one_line_or_good(path, make):
     return None
 
 
+def one_line_or_motion(path, make):
+    motion = one_line_or_good(path, make)
+    if motion is not None:
+        assert np.isfinite(motion.acceleration).all()
+        assert len(motion.acceleration) >= 2
+        assert motion.dt > 0
+
+
 def damaged(text: str):
     """Return the file with a part removed, inserted or repeated."""
     raw = text.encode()
@@ -686,11 +694,7 @@ def damaged(text: str):
 @example(content=b"NPTS=" + b"9" * 5000 + b", DT= 1\n1 2", units="g")
 def test_damaged_at2_files(tmp_path_factory, content, units):
     path = write_file(tmp_path_factory.getbasetemp(), content, "fuzz.at2")
-    motion = one_line_or_good(path, lambda: read(path, units, None))
-    if motion is not None:
-        assert np.isfinite(motion.acceleration).all()
-        assert len(motion.acceleration) >= 2
-        assert motion.dt > 0
+    one_line_or_motion(path, lambda: read(path, units, None))
 
 
 @settings(max_examples=300, deadline=None, derandomize=True)
@@ -705,11 +709,7 @@ def test_damaged_at2_files(tmp_path_factory, content, units):
 )
 def test_damaged_tables(tmp_path_factory, content, dt, suffix):
     path = write_file(tmp_path_factory.getbasetemp(), content, f"fuzz.{suffix}")
-    motion = one_line_or_good(path, lambda: read(path, "g", dt))
-    if motion is not None:
-        assert np.isfinite(motion.acceleration).all()
-        assert len(motion.acceleration) >= 2
-        assert motion.dt > 0
+    one_line_or_motion(path, lambda: read(path, "g", dt))
 
 
 SHORT_CHANNELS = {"90 Deg": GALS[::8], "Up": VERTICAL[::8]}
@@ -728,11 +728,7 @@ SHORT_CHANNELS = {"90 Deg": GALS[::8], "Up": VERTICAL[::8]}
 @example(content=knet([1] * 8).replace("0.08", "1e300").encode(), component=None, suffix="EW")
 def test_damaged_files_of_networks(tmp_path_factory, content, component, suffix):
     path = write_file(tmp_path_factory.getbasetemp(), content, f"fuzz.{suffix}")
-    motion = one_line_or_good(path, lambda: read(path, None, None, component))
-    if motion is not None:
-        assert np.isfinite(motion.acceleration).all()
-        assert len(motion.acceleration) >= 2
-        assert motion.dt > 0
+    one_line_or_motion(path, lambda: read(path, None, None, component))
 
 
 @settings(max_examples=200, deadline=None, derandomize=True)

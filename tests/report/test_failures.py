@@ -1,11 +1,9 @@
 """Failures while a report is written: the older report stays intact, exit statuses are right, and there is no
 traceback."""
 
-import contextlib
 import errno
 import json
 import os
-import signal
 import sys
 from pathlib import Path
 
@@ -17,8 +15,9 @@ from rockjax._cli import main
 from rockjax._report import report
 from rockjax._report._formats import html
 from rockjax._report.store import Store
+from tests.scenes import limited_files
 
-resource = pytest.importorskip("resource")  # limits and signals are POSIX
+pytest.importorskip("resource")  # limits and signals are POSIX
 NAMES = ("page.html", "page.json", "page.nc")
 
 
@@ -117,19 +116,6 @@ def test_a_full_disk_keeps_the_older_report(solved, older, run, monkeypatch, pla
     assert contents(older) == before
     assert run()[0] == 1
     assert_complete(solved, older.parent)
-
-
-@contextlib.contextmanager
-def limited_files(size):
-    """Limit the size of files [bytes], so that writing fails as on a full disk."""
-    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-        signal.signal(signal.SIGXFSZ, handler)
 
 
 def test_files_that_the_system_refuses_keep_the_older_report(older, run):

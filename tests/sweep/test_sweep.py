@@ -25,9 +25,9 @@ from rockjax._sweep import chunks as _chunks
 from rockjax._sweep.layout import ChunkLayout
 from rockjax._sweep.spec import make_spec
 from rockjax._sweep.store import Store
-from tests.scenes import PODIUMS
+from tests.scenes import PODIUMS, limited_files
 
-resource = pytest.importorskip("resource")  # limits and signals are POSIX
+pytest.importorskip("resource")  # limits and signals are POSIX
 
 OUTPUTS = ("peak_rotation",)
 OPTIONS = rj.Options(outputs=OUTPUTS)
@@ -553,22 +553,9 @@ def test_ctrl_c_during_the_sample_has_no_result(tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-@contextlib.contextmanager
-def full_disk(size):
-    """Limit the size of files, so that writing fails as on a full disk."""
-    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-        signal.signal(signal.SIGXFSZ, handler)
-
-
 def test_a_full_disk_is_reported_and_nothing_is_lost(tmp_path, batch):
     store = tmp_path / "a.zarr"
-    with full_disk(600), pytest.raises(OSError, match="could not be written"):
+    with limited_files(600), pytest.raises(OSError, match="could not be written"):
         sweep(store)  # not even the store can be written
     assert not list(tmp_path.iterdir())
     sweep(store)
@@ -576,7 +563,7 @@ def test_a_full_disk_is_reported_and_nothing_is_lost(tmp_path, batch):
     for path in store.rglob("c/1/0/0"):
         path.unlink()
     with (
-        full_disk(1000),
+        limited_files(1000),
         pytest.raises(OSError, match=r"could not be written: .*; 3 of 4 chunks are stored; repeat the call"),
     ):
         sweep(store)
