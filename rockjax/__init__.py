@@ -18,17 +18,10 @@ from ._version import __version__ as __version__
 # `__init__.pyi` lists the public names and the module of each. A module is imported when one of its names is
 # first used.
 _load_public_name, __dir__, __all__ = _lazy_loader.attach_stub(__name__, __file__)
-_RENAMED = {"AbstractOutlook": "AbstractLookahead"}
 _SUBPACKAGES = ("plots",)  # public subpackages
 
 
 def __getattr__(name: str) -> Any:
-    if name in _RENAMED:
-        import warnings
-
-        new = _RENAMED[name]
-        warnings.warn(f"rockjax.{name} is called rockjax.{new} now", DeprecationWarning, stacklevel=2)
-        return __getattr__(new)
     value = _import_module(f".{name}", __name__) if name in _SUBPACKAGES else _load_public_name(name)
     globals()[name] = value
     return value

@@ -9,7 +9,6 @@ from __future__ import annotations
 import abc
 import dataclasses
 import math
-import warnings
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, Literal, NamedTuple
 
@@ -107,14 +106,6 @@ class MethodResult:
     reliability: str
     missing: tuple[str, ...]
     motions: tuple[str, ...]
-
-    @property
-    def verdict_known(self) -> str:
-        """Former name of `reliability`."""
-        warnings.warn(
-            "MethodResult.verdict_known is called reliability now", DeprecationWarning, stacklevel=2
-        )
-        return self.reliability
 
     @property
     def governing_demand(self) -> float | None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -156,9 +155,6 @@ def redraw(
         if (picture.required_variable is None or picture.required_variable in data)
         and (picture.group is None or picture.group in groups)
     }
-    if "film" in names:
-        warnings.warn("the picture 'film' is called 'animation' now", DeprecationWarning, stacklevel=2)
-        names = ["animation" if name == "film" else name for name in names]
     unknown = [name for name in names if name not in available]
     if unknown:
         raise ValueError(

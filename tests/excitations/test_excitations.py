@@ -227,11 +227,6 @@ def test_a_motion_of_ones_own():
     assert float(Chirp(1.0, 1.0)(0.0)) == pytest.approx(1.0)
 
 
-def test_the_former_name_of_the_lookahead_warns():
-    with pytest.warns(DeprecationWarning, match="AbstractLookahead"):
-        assert rj.AbstractOutlook is rj.AbstractLookahead  # pyright: ignore[reportAttributeAccessIssue]
-
-
 def test_methods_can_be_compiled():
     pulse = rj.Ricker(2.0, 1.0)
     assert float(jax.jit(pulse.scaled)(0.5).a_p) == 1.0

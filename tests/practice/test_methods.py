@@ -154,8 +154,6 @@ def test_results_name_everything_and_have_no_gaps():
         assert result.demand.shape == (3,)
         assert np.all(np.isfinite(result.demand))
         assert result.reliability.endswith(".")
-        with pytest.warns(DeprecationWarning, match="verdict_known is called reliability now"):
-            assert result.verdict_known == result.reliability
         assert result.title in repr(result)
         for value, unit, meaning in result.values.values():
             assert np.shape(value) in ((), (3,))
