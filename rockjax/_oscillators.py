@@ -26,7 +26,6 @@ from numpy.polynomial import polynomial
 
 from rockjax._checks import array_module
 from rockjax._excitations.sampled import common_size
-from rockjax._machine.threads import precision
 from rockjax._programs.program import StoredProgram
 
 # Least number of pieces per period T_e of an oscillator. Pieces longer than T_e/8 are divided, so that most
@@ -231,7 +230,7 @@ def _states(load: Load, pole: np.ndarray, factors: tuple[np.ndarray, ...]) -> _S
     constants = as_pairs(powers), as_pairs(np.reshape(factors, (-1, count)))
     state: Any = np.zeros((2, lanes))
     starts, sizes = [], []
-    with precision(x64=True):
+    with jax.enable_x64(True):
         for first in range(0, kick.size, rows):
             part = slice(first, first + rows)
             state, *answers = _solve_blocks(state, series[:, part], kick[part], shift[part], *constants)

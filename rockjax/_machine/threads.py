@@ -32,7 +32,7 @@ def submit(work: Callable, *arguments: Any) -> Future:
     x64 = bool(jax.config.jax_enable_x64)  # pyright: ignore[reportAttributeAccessIssue]
 
     def run() -> Any:
-        with precision(x64):
+        with jax.enable_x64(x64):
             return work(*arguments)
 
     if not _POOLS:
@@ -79,10 +79,3 @@ def wait_for_imports() -> None:
     that import each other, such as dask and distributed, one thread may see an incomplete module."""
     wait(_IMPORTS)
     _IMPORTS.clear()
-
-
-def precision(x64: bool):
-    """Return a context manager that sets float64 (`x64` True) or float32 in this thread."""
-    if hasattr(jax, "enable_x64"):
-        return jax.enable_x64(x64)
-    return jax.experimental.enable_x64(x64)  # pyright: ignore[reportAttributeAccessIssue]

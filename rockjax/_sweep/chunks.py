@@ -16,7 +16,6 @@ import numpy as np
 from rockjax import _results as results
 from rockjax._batch.batch import responses
 from rockjax._batch.executors import executor_for
-from rockjax._machine.threads import precision
 from rockjax._options import Options
 from rockjax._responses.datasets import describe_versions
 from rockjax._responses.peak import Peak, data_variables
@@ -52,7 +51,7 @@ class Job(NamedTuple):
         if (row := store.row(k)) is not None:
             return row
         start_time = time.perf_counter()
-        with precision(self.is_float64):
+        with jax.enable_x64(self.is_float64):
             arguments = scene_arrays.in_box(store.layout.box(k))
             peaks = solve_scenes(arguments, self.options, threads, devices, self.sensitivities)
         variables = data_variables(peaks, self.options.outputs, ())

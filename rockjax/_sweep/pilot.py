@@ -9,10 +9,10 @@ import sys
 import time
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from rockjax._batch.batch import LANES
-from rockjax._machine.threads import precision
 from rockjax._responses.peak import data_variables
 
 from .chunks import Devices, count_cores, count_trial_steps, solve_scenes
@@ -77,7 +77,7 @@ def pilot(spec: SweepSpec, threads: int | None, devices: Devices) -> Pilot:
     rng = np.random.default_rng(0)
     edges = np.linspace(0, scene_arrays.size, count + 1).astype(np.int64)
     scenes = edges[:-1] + (rng.random(count) * np.diff(edges)).astype(np.int64)
-    with precision(spec.is_float64):
+    with jax.enable_x64(spec.is_float64):
         names = spec.sensitivities
         solve = lambda indices: solve_scenes(scene_arrays.at(indices), options, threads, devices, names)
         solve(scenes[:: max(1, count // low)])  # compiles the programs, which is not measured
