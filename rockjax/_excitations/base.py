@@ -22,7 +22,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from rockjax._checks import as_float
 from rockjax._programs.program import nans_allowed
-from rockjax._text.representations import format_call, format_html
+from rockjax._text.representations import PrintedModule
 from rockjax._tree import Module
 from rockjax._types import Index, Number, Value
 
@@ -71,7 +71,7 @@ class AbstractLookahead(Module):
         return self
 
 
-class AbstractExcitation(Module):
+class AbstractExcitation(PrintedModule):
     """Base class of ground motions ü_g(t) [m/s²]. Subclasses implement the abstract methods."""
 
     @property
@@ -222,12 +222,6 @@ class AbstractExcitation(Module):
 
         with nans_allowed():  # an inf from `breakpoint` is no error
             return jax.vmap(evaluate)(t.ravel()).reshape(t.shape)
-
-    def __repr__(self):
-        return format_call(self)
-
-    def _repr_html_(self):
-        return format_html(self)
 
 
 class _RestLookahead(AbstractLookahead):

@@ -21,12 +21,11 @@ from typing import ClassVar, Self
 import jax.numpy as jnp
 
 from rockjax._checks import concrete
-from rockjax._text.representations import format_call, format_html
-from rockjax._tree import Module
+from rockjax._text.representations import PrintedModule
 from rockjax._types import Number, Value
 
 
-class AbstractRestrainer(Module):
+class AbstractRestrainer(PrintedModule):
     """A device on each column.
 
     A subclass overrides the private methods of its effects, such as `_force`. In private methods, stretch and
@@ -143,9 +142,3 @@ class AbstractRestrainer(Module):
         stiffness."""
         stiffness = self._stiffness
         return None if stiffness is None else self.elongation_ratio**2 * stiffness
-
-    def __repr__(self):
-        return format_call(self)
-
-    def _repr_html_(self):
-        return format_html(self)

@@ -8,8 +8,7 @@ import equinox as eqx
 import numpy as np
 
 from rockjax._checks import as_number, as_numpy_unless_traced, require, require_not_negative, require_positive
-from rockjax._text.representations import format_call, format_html
-from rockjax._tree import Module
+from rockjax._text.representations import PrintedModule
 from rockjax._types import Number
 
 from .column import slenderness_and_size
@@ -39,7 +38,7 @@ def _convert_restitution(value) -> Restitution:
         raise ValueError(str(error).replace("Podium", "Contents")) from None
 
 
-class Contents(Module):
+class Contents(PrintedModule):
     """A light free-standing block on a floor, such as a cabinet. It rocks; it does not slide or leave the
     floor.
 
@@ -94,14 +93,8 @@ class Contents(Module):
         [m/s²]."""
         return Podium(self.alpha, self.R, lam=self.lam, restitution=self.restitution, g=g)
 
-    def __repr__(self):
-        return format_call(self)
 
-    def _repr_html_(self):
-        return format_html(self)
-
-
-class Oscillator(Module):
+class Oscillator(PrintedModule):
     """A light linear oscillator on a floor: a pipe, a ceiling, a rack.
 
     - `period`: natural period T_e, > 0 [s]
@@ -124,9 +117,3 @@ class Oscillator(Module):
             raise ValueError(
                 f"Oscillator: direction must be 'horizontal' or 'vertical', got {self.direction!r}"
             )
-
-    def __repr__(self):
-        return format_call(self)
-
-    def _repr_html_(self):
-        return format_html(self)

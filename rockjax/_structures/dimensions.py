@@ -11,8 +11,7 @@ import numpy as np
 
 from rockjax._checks import as_float
 from rockjax._restrainers.damper import as_exponent
-from rockjax._text.representations import format_call, format_html
-from rockjax._tree import Module
+from rockjax._text.representations import PrintedModule
 from rockjax._units import STANDARD_GRAVITY
 
 from .podium import Podium
@@ -25,7 +24,7 @@ def _row(values: Any, name: str) -> Any:
     return values if is_unchanged else as_float(values, f"Dimensions: {name}")
 
 
-class Dimensions(Module):
+class Dimensions(PrintedModule):
     """A podium given by dimensions and masses, as for `rockjax.Podium.from_dimensions`.
 
     - `width`, `height`: full column width 2B and height 2H [m]
@@ -100,9 +99,3 @@ class Dimensions(Module):
     def replace(self, **changes) -> Dimensions:
         """Return a variant with some fields changed, like `dataclasses.replace`."""
         return dataclasses.replace(self, **changes)
-
-    def __repr__(self):
-        return format_call(self)
-
-    def _repr_html_(self) -> str:
-        return format_html(self)

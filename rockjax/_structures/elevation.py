@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from rockjax._checks import as_float, concrete, require_finite, require_not_negative
-from rockjax._text.representations import format_call, format_html
+from rockjax._text.representations import PrintedModule
 from rockjax._tree import Module
 from rockjax._types import Array, Number
 
@@ -29,7 +29,7 @@ from .superstructures import AbstractSuperstructure
 SAME_LINE = 1e-9  # largest distance of columns in one line, divided by the total span
 
 
-class Elevation(Module):
+class Elevation(PrintedModule):
     """Positions of the columns of a podium, and heights of the masses on them.
 
     - `columns`: positions x_i of the N ≥ 2 columns in the direction of motion [m]; the last axis has length
@@ -155,12 +155,6 @@ class Elevation(Module):
         modal_moments, carried = superstructure.first_moments(height + depth, carried_height)
         beam_moment = beam_moment if carried is None else beam_moment + carried
         return Arms(offsets, beam_moment, modal_moments, raised)
-
-    def __repr__(self):
-        return format_call(self)
-
-    def _repr_html_(self):
-        return format_html(self)
 
 
 class Arms(Module):

@@ -40,8 +40,7 @@ from rockjax._restrainers.combined import (
     stiffness,
 )
 from rockjax._restrainers.dimensions import restrainers_of
-from rockjax._text.representations import format_call, format_html
-from rockjax._tree import Module
+from rockjax._text.representations import PrintedModule, format_html
 from rockjax._types import Number
 from rockjax._units import STANDARD_GRAVITY
 
@@ -60,7 +59,7 @@ from .superstructures import (
 )
 
 
-class Podium(Module):
+class Podium(PrintedModule):
     """A podium frame of free-standing rocking columns under a rigid beam, with or without a superstructure.
 
     - `alpha`: column slenderness α = atan(B/H), with half width B and half height H of a column,
@@ -547,9 +546,6 @@ class Podium(Module):
     def replace(self, **changes) -> Podium:
         """Return a podium with some fields changed, like `dataclasses.replace`."""
         return dataclasses.replace(self, **changes)
-
-    def __repr__(self):
-        return format_call(self)
 
     def _repr_html_(self):
         return format_html(

@@ -18,12 +18,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from rockjax._checks import array_module, as_number, concrete, require, require_not_negative
-from rockjax._text.representations import format_call, format_html
-from rockjax._tree import Module
+from rockjax._text.representations import PrintedModule
 from rockjax._types import Array, Number
 
 
-class AbstractSuperstructure(Module):
+class AbstractSuperstructure(PrintedModule):
     """A superstructure. Subclasses define its oscillators and the mass that moves with the beam."""
 
     rows: ClassVar[tuple[str, ...]] = ()  # fields with one value for each mode or story along the last axis
@@ -112,12 +111,6 @@ class AbstractSuperstructure(Module):
     def resolved(self) -> AbstractSuperstructure:
         """Return the superstructure in the form that the engine uses: `Rigid`, `Elastic` or `Oscillators`."""
         return self
-
-    def __repr__(self):
-        return format_call(self)
-
-    def _repr_html_(self):
-        return format_html(self)
 
 
 class Elastic(AbstractSuperstructure):

@@ -12,8 +12,19 @@ import numpy as np
 
 from rockjax._checks import concrete
 from rockjax._parameters import registry
+from rockjax._tree import Module
 
 from . import tables
+
+
+class PrintedModule(Module):
+    """Base class of modules that are shown as the call that constructs them and, in notebooks, as a table."""
+
+    def __repr__(self):
+        return format_call(self)
+
+    def _repr_html_(self):
+        return format_html(self)
 
 
 def format_call(module: eqx.Module) -> str:
