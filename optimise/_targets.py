@@ -20,6 +20,7 @@ from jax.scipy.stats import norm
 from jaxtyping import Array, Float
 
 import rockjax as rj
+from rockjax._boundaries.margin import ROUNDING_ALLOWANCE
 from rockjax._checks import require_positive
 from rockjax.internal import DEFAULT_WIDTH, Module, as_float, fit_capacities, require_number
 
@@ -31,9 +32,6 @@ SearchedTarget = TypeVar("SearchedTarget", bound="AbstractTarget")
 # Least `width` (resolution of a search for overturning) while a design is searched. The verification uses the
 # `width` of the target.
 WIDTH_WHILE_SEARCHING = 1e-3
-# If `rockjax.Boundary.certain_width` exceeds the requested width by more than this factor, the cause is not
-# rounding, but simulations that did not finish.
-ROUNDING_ALLOWANCE = 1.01
 
 
 class AbstractTarget(Module):

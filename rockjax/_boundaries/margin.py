@@ -15,6 +15,9 @@ from rockjax._structures import Podium
 # By default, a scan is designed to find every overturning interval wider than this fraction of the scanned
 # range.
 DEFAULT_WIDTH = 1e-4
+# If the `certain_width` of a search exceeds the requested width by more than this factor, the cause is not
+# rounding, but scenes that did not finish.
+ROUNDING_ALLOWANCE = 1.01
 # Relative tolerance of the scenes of a scan. The position of a change between survival and overturning has
 # about the same relative error if it is found from these scenes.
 SCAN_TOLERANCE = 1e-6

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rockjax._structures.column import DENSITIES
+
 from .tables import Bare, Quantity, Text
 
 if TYPE_CHECKING:
     from .evaluation import Evaluation
 
-DENSITIES = 300.0, 8000.0  # usual range of the density of columns [kg/m³]
 STRESSES = 0.01e6, 50e6  # usual range of the mean compressive stress of columns [Pa]
 PERIODS = 0.05, 10.0  # usual range of the first period of a building [s]
 LARGEST_DRIFT = 0.1  # largest usual limit of (drift / storey height) [–]

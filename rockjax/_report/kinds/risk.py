@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rockjax._boundaries.margin import DEFAULT_WIDTH
+from rockjax._boundaries.margin import DEFAULT_WIDTH, ROUNDING_ALLOWANCE
 from rockjax._lognormal import Lognormal
 from rockjax._problem import models
 from rockjax._problem.reading import Reader
@@ -42,9 +42,6 @@ if TYPE_CHECKING:
 
 INTERVAL = 1.96  # standard errors on each side of a 95 % interval of a normal distribution
 UNTESTED = "assumptions are not tested"
-# If the `certain_width` of a search exceeds the requested width by more than this factor, the cause is not
-# rounding, but scenes that did not finish.
-ROUNDING_ALLOWANCE = 1.01
 
 
 @dataclasses.dataclass(frozen=True)
