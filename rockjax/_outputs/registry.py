@@ -65,10 +65,11 @@ def variables_of(outputs) -> dict[str, tuple[Variable, str]]:
 def suitable_outputs(podium: Podium) -> tuple[str, ...]:
     """Return the names of the outputs that a designer needs for a podium. They always include the rotation,
     the impacts and the estimated errors. A superstructure adds the outputs of `BUILDING_OUTPUTS` that apply
-    to it, and an elevation adds the forces in the joints."""
-    names = ["peak_rotation", "impacts", "impacts_before_peak", "errors"]
-    if podium.superstructure is not None:
+    to it, or its deformation if it is a single oscillator. An elevation adds the forces in the joints."""
+    names, top = ["peak_rotation", "impacts", "impacts_before_peak", "errors"], podium.superstructure
+    if top is not None:
         names += [name for name in BUILDING_OUTPUTS if REGISTRY[name].applies(podium)]
+        names += ["peak_deformation"] if podium.vibrates and not top.has_mode_axis else []
     return (*names, *(JOINT_OUTPUTS if podium.elevation is not None else ()))
 
 

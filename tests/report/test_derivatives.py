@@ -3,7 +3,9 @@
 The reference integrators take only the ratios of the structure from the package.
 """
 
+import dataclasses
 import math
+import re
 
 import numpy as np
 import pytest
@@ -78,6 +80,83 @@ def assert_slopes_under_pulse(checks, kinds):
 def test_derivatives_of_rotations_displacements_and_frictions(solved):
     kinds = ("peak-rotation", "displacement", "peak-friction")
     assert_slopes_under_pulse(solved.report.evaluation.checks, kinds)
+
+
+MORE = """
+[[checks]]
+kind = "least-axial-force"
+at_least = 0.1
+[[checks]]
+kind = "contact-pressure"
+limit = 20e6
+[[checks]]
+kind = "peak-foundation-shear"
+limit = 0.3
+"""
+
+
+@pytest.mark.slow
+def test_derivatives_of_forces_in_joints(solved, tmp_path):
+    """The scenes are stored, and one solution gives the derivatives of all checks."""
+    text = re.sub(r"(?s)\[\[checks\]\].*", "", solved.text)
+    path, page = solved.copy(tmp_path, text + MORE)
+    checks = rj.evaluate(path, store=page.with_suffix(".nc"), skip=("methods", "spread")).checks
+    assert_slopes_under_pulse(checks, [check.kind.name for check in checks])
+
+
+BUILDING = {
+    "width": 0.6,
+    "height": 3.0,
+    "columns": 4,
+    "column_mass": 2700.0,
+    "beam_mass": 60e3,
+    "story_masses": np.array([40e3, 30e3]),
+    "story_stiffnesses": np.array([20e6, 15e6]),
+    "damping": 0.05,
+}
+PULSE = 3.0, 0.8  # amplitude [m/s²] and period [s]
+STORIES = {
+    "peak-shear": lambda answer: answer.shear,
+    "peak-drift": lambda answer: max(answer.drifts),
+    "peak-floor-acceleration": lambda answer: max(answer.floors),
+}
+
+
+def independent_building(name, factor):
+    """Return the answer of a building under the pulse with an input multiplied by a factor."""
+    changed = BUILDING | ({name: BUILDING[name] * factor} if name in BUILDING else {})
+    podium = rj.Podium.from_dimensions(**changed)
+    shapes = tuple(tuple(map(float, floor)) for floor in np.asarray(podium.superstructure.shapes))
+    frame = dataclasses.replace(structure_of(podium).frame, shapes=shapes)
+    if name == "e":
+        frame = dataclasses.replace(frame, e=frame.e * factor)
+    motion = restrained.ricker(PULSE[0] * (factor if name == "motion" else 1.0), PULSE[1])
+    return restrained.simulate(frame, 3.0, motion, start=-1.6)
+
+
+@pytest.mark.slow
+def test_derivatives_of_a_building(tmp_path):
+    """Shear, drift and floor acceleration."""
+    numbers = "".join(
+        f"{name} = {y.tolist() if isinstance(y, np.ndarray) else y}\n" for name, y in BUILDING.items()
+    )
+    pulse = f'kind = "ricker"\na_p = {PULSE[0]}\nT_p = {PULSE[1]}\n'
+    checks = "".join(f'[[checks]]\nkind = "{kind}"\nlimit = 1.0\n' for kind in STORIES)
+    path = tmp_path / "problem.toml"
+    path.write_text(f"[structure]\n{numbers}[motions.pulse]\n{pulse}[report]\nlaws = []\n{checks}")
+    found = rj.evaluate(path, skip=("methods", "spread")).checks
+    made = {}
+    for check in found:
+
+        def utilisation(name, factor, check=check):
+            if (name, factor) not in made:
+                made[name, factor] = independent_building(name, factor)
+            return float(STORIES[check.kind.name](made[name, factor]))
+
+        answer = made.setdefault(("width", 1.0), independent_building("width", 1.0))
+        assert answer.impacts
+        assert utilisation("width", 1.0) == pytest.approx(check.utilisation, rel=1e-7)
+        assert_slopes(check, utilisation, (*[y for y in BUILDING if y != "columns"], "e", "motion"))
 
 
 def test_derivatives_of_overturning_scales_follow_from_similarity(solved):

@@ -157,6 +157,24 @@ def test_a_change_without_a_valid_structure_is_left_out(tmp_path):
     assert (row[2].value, row[3].text) == (low, "no value")
 
 
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.* scenes did not finish:RuntimeWarning")
+def test_scenes_that_end_after_too_few_steps_are_undecided(tmp_path):
+    """The check is UNDECIDED, the page names the cause, and the scenes have no numbers."""
+    check = '[options]\nmax_steps = 5\n[[checks]]\nkind = "peak-rotation"\nlimit = 0.9\n'
+    report = rj.report(read(tmp_path, check), skip=("spread", "methods"))
+    (found,) = report.evaluation.checks
+    assert (found.result, found.sensitivities) == ("UNDECIDED", {})
+    text = [plain(found.reason, Units.si()), report.evaluation.verdict]
+    assert text == [
+        "2 of 2 scenes have no decided answer: out_of_steps",
+        "Not verified: of one check 0 pass, 1 is undecided.",
+    ]
+    rows = report.tables["rotation-pulses"].rows
+    assert all({cell.text for cell in row[1:-1]} == {"out of steps"} for row in rows)
+    assert not re.search(r"\b(nan|inf)\b", report.html)
+
+
 def test_share_of_motions_that_overturn(tmp_path):
     """One of two motions overturns; the count agrees with that of the design target."""
     problem = read(tmp_path, SHARE)

@@ -10,7 +10,7 @@ from rockjax._report.tables import Quantity, format_number
 from rockjax._report.units import NO_UNIT
 
 from .solved import EXAMPLES
-from .test_page import OTHERS, UNITS, files_of, parsed, visible
+from .test_page import OTHERS, UNITS, assert_equal_numbers, files_of, parsed, visible
 
 
 @pytest.fixture(scope="module")
@@ -88,3 +88,14 @@ def test_the_summary_has_the_numbers_of_the_json_file(solved, document, units):
             shown += 1
         assert check["result"] in text
     assert shown == 7
+
+
+def test_all_files_have_the_numbers_of_the_report(solved):
+    assert_equal_numbers(solved.report.page, UNITS)
+
+
+def test_no_cell_of_the_report_is_blank(solved):
+    tables = list(parsed(solved.report.html.encode()).iter("table"))
+    assert len(tables) == len(solved.report.tables)
+    for row in (row for table in tables for row in table.findall("tbody/tr")):
+        assert all(visible(cell).strip() not in ("", "-", "–", "—", "nan", "inf", "None") for cell in row)

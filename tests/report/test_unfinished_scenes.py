@@ -18,6 +18,7 @@ from rockjax._report.kinds import KINDS
 from rockjax._report.kinds.base import Values
 from rockjax._report.scales import _estimate_uplift_factors
 from rockjax._report.sections import accuracy, assumptions, building, joints, motions, rocking, summary
+from rockjax._report.sections.common import drifts_of
 from rockjax._report.tables import Quantity, plain
 from rockjax._report.units import Units
 from rockjax._results import NAMES, result_of
@@ -89,6 +90,20 @@ def test_governing_shears_are_those_of_surviving_scenes():
             assert texts_of(row)[1] == label
             assert row[0].note == f"{count} scenes left out: overturned or did not finish"
     assert "(3 of 5 scenes left out" in building._stories(evaluation_of(MIXED), "set").caption
+
+
+def test_a_single_oscillator_is_a_storey():
+    """Its drift is the deformation, and its acceleration is V/m, of the scenes that survive."""
+    evaluation = evaluation_of(("settled", "overturned", "settled"))
+    data = evaluation.scenes.peaks("set").drop_vars(["peak_drift", "peak_floor_acceleration"])
+    data = data.assign(peak_deformation=("motion", [0.02, 9.0, 0.04]), peak_shear=("motion", [0.3, 9.0, 0.1]))
+    evaluation.scenes.peaks, evaluation.problem.story_heights = lambda *_: data, None
+    evaluation.problem.podium.g = 10.0
+    (row,) = building._stories(evaluation, "set").rows
+    assert texts_of(row) == ["storey 1", "number", "number", "no height", "number", "number"]
+    assert [row[k].value for k in (1, 2, 4, 5)] == pytest.approx([0.04, 0.03, 3.0, 2.0])
+    several = data.assign(peak_deformation=(("motion", "mode"), np.ones((3, 2))))
+    assert drifts_of(several) is None
 
 
 def test_the_largest_value_is_that_of_a_finished_scene():

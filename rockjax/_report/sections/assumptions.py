@@ -15,7 +15,7 @@ from rockjax._report.kinds import KINDS
 from rockjax._report.tables import Code, Column, Part, Quantity, Table, Text, TextCell, joined
 from rockjax._report.units import Units
 
-from .common import surviving_scenes
+from .common import drifts_of, surviving_scenes
 from .structure import column_count
 
 if TYPE_CHECKING:
@@ -192,11 +192,11 @@ def _demands(evaluation: Evaluation) -> Iterator[Part]:
         if mass is not None and count is not None:
             weight = float(problem.podium.eta) * count * mass * float(problem.podium.g)
             yield from (" (", Quantity(shear * weight, "force"), ")")
-        if "peak_drift" in data:
-            drift = data["peak_drift"].values[survives]
-            yield from (", storey drift ", Quantity(float(drift.max()), "displacement"))
+        drifts = drifts_of(data)
+        if drifts is not None:
+            yield from (", storey drift ", Quantity(float(drifts[survives].max()), "displacement"))
             if problem.story_heights is not None:
-                ratio = float((drift / problem.story_heights).max())
+                ratio = float((drifts[survives] / problem.story_heights).max())
                 yield from (", storey drift ratio ", Quantity(ratio, "ratio"))
         yield "."
 

@@ -16,6 +16,7 @@ from rockjax._report.units import Units
 from .common import (
     NO_SCENE,
     details,
+    drifts_of,
     governing_motion,
     governing_scene,
     omitted_scenes,
@@ -36,7 +37,7 @@ def section(evaluation: Evaluation, units: Units) -> Section:
     shears = []
     for name in sets_with_scenes(evaluation):
         data = evaluation.scenes.peaks(name)
-        if "peak_drift" in data:
+        if drifts_of(data) is not None:
             blocks.append(_stories(evaluation, name))
         if "peak_shear" in data:
             shears.append(_shear(evaluation, name))
@@ -95,10 +96,15 @@ def _shear(evaluation: Evaluation, name: str) -> tuple[Cell, ...]:
 
 def _stories(evaluation: Evaluation, name: str) -> Table:
     """Return the table of the largest and the mean peaks in each storey. The peaks are those of the scenes in
-    which the columns survive. A scene is the structure under one motion."""
-    data, heights = evaluation.scenes.peaks(name), evaluation.problem.story_heights
-    survives = surviving_scenes(data)
-    drift, acceleration = (data[y].values[survives] for y in ("peak_drift", "peak_floor_acceleration"))
+    which the columns survive. A scene is the structure under one motion. A single oscillator is a storey."""
+    data, problem = evaluation.scenes.peaks(name), evaluation.problem
+    heights, survives, drifts = problem.story_heights, surviving_scenes(data), drifts_of(data)
+    assert drifts is not None
+    if "peak_drift" in data:
+        accelerations = data["peak_floor_acceleration"].values
+    else:  # the only mass has the acceleration V/m
+        accelerations = data["peak_shear"].values[:, None] * float(problem.podium.g)
+    drift, acceleration = drifts[survives], accelerations[survives]
     columns = (
         Column("Storey"),
         Column("Largest drift", "displacement"),
@@ -108,7 +114,7 @@ def _stories(evaluation: Evaluation, name: str) -> Table:
         Column("Mean floor acceleration", "acceleration"),
     )
     rows = []
-    for j in range(data["peak_drift"].shape[-1]):
+    for j in range(drifts.shape[-1]):
         if not len(drift):
             rows.append((TextCell(f"storey {j + 1}"), *[NO_SCENE] * 5))
             continue

@@ -47,6 +47,15 @@ def surviving_scenes(data: xarray.Dataset) -> np.ndarray:
     return results.outcomes(data).values == 0
 
 
+def drifts_of(data: xarray.Dataset) -> np.ndarray | None:
+    """Return the peak drifts of scenes, (scenes, storeys). The drift of a single oscillator is its
+    deformation. Return None if the scenes have no drifts."""
+    if "peak_drift" in data:
+        return data["peak_drift"].values
+    deformation = data["peak_deformation"].values if "peak_deformation" in data else None
+    return deformation[:, None] if deformation is not None and deformation.ndim == 1 else None
+
+
 def omitted_scenes(data: xarray.Dataset) -> str:
     """Return a note on the number of scenes that overturned or did not finish; "" if there are none."""
     survives = surviving_scenes(data)
