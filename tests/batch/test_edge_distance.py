@@ -24,7 +24,7 @@ def motions_of(kind: str, scales: tuple[float, float], factor: np.ndarray):
     return records.pick(np.zeros(COUNT, np.int32)).scaled(np.linspace(*scales, COUNT) * factor)
 
 
-@pytest.mark.slow(but=["pulse-elastic", "record-rigid"])
+@pytest.mark.slow(but=["record-rigid"])
 @pytest.mark.parametrize("structure", PODIUMS)
 @pytest.mark.parametrize("motion", ["pulse", "record"])
 def test_the_edge_distance_is_that_of_the_margin_or_of_another_turning_point(motion, structure):

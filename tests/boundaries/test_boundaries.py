@@ -250,6 +250,7 @@ SHAKEN = rj.synthetic_motions(5, seed=5, duration=10.0, dt=0.02, pga=1.0).record
 WINDOW = 0.288251, 0.288373
 
 
+@pytest.mark.slow
 def test_a_narrow_window_under_a_record_is_found():
     """The window is 1.2e-4 of the range wide, and neighbouring scales show no sign of it. Second differences
     of 128 scales would find 0.4077."""

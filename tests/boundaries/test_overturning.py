@@ -198,7 +198,6 @@ def random_structures(count, kind, rng):
     ("kind", "pulse", "number"),
     [("none", rj.Ricker, 20), ("rigid", rj.AntisymmetricRicker, 20), ("elastic", rj.Ricker, 10)],
 )
-@pytest.mark.slow(but=["none-Ricker-20"])
 def test_derivatives_of_the_boundary_for_random_structures(kind, pulse, number):
     """Derivatives with respect to every parameter of random structures agree to 1e-5 with central differences
     of boundaries from batches, unless the boundary is at a fold.

@@ -1345,6 +1345,7 @@ def test_responses_know_the_mass_that_is_in_no_mode(top, share):
     assert residual_share(rj.Podium(0.15, 1.5, 10.0, top)) == pytest.approx(share, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_response_reports_omitted_modes(tmp_path):
     building = "masses = [3.0, 3.0, 2.0], stiffnesses = [900.0, 700.0, 500.0]"
     for modes, says in ((1, True), (3, False)):

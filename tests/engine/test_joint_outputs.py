@@ -47,6 +47,7 @@ def test_a_spectrum_and_a_batch_hold_the_answers_of_single_scenes():
         assert_same({name: y[0] for name, y in answers(batch).items()}, single, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_sweep_stores_the_answers_of_a_batch(tmp_path):
     """Parameters of the sweep include positions and heights."""
     grid = rj.grid(PODIUM, PULSE, position_2=np.array([3.0, 4.5]), top_height=np.array([6.0, 8.4]))
@@ -122,6 +123,7 @@ def noise(n: int = 40) -> rj.Record:
     return rj.Record(3.0 * values / np.abs(values).max(), 0.04)
 
 
+@pytest.mark.slow
 def test_sensitivities_to_positions_and_heights_by_name():
     """Derivatives by positions, depth and story heights are those of central differences."""
     names, step = ("positions", "beam_depth", "story_heights"), 1e-5

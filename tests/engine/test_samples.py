@@ -266,6 +266,7 @@ def test_sensitivities_of_a_batch_are_derivatives_of_its_scenes():
         np.testing.assert_allclose(batch.sensitivities.peak_rotation[k], expected, rtol=1e-9, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_derivatives_by_all_samples_are_those_by_their_scale():
     record = one(300, scale=1.9)
 
@@ -308,6 +309,7 @@ def test_bounces_that_are_not_followed_change_nothing(restitution):
     np.testing.assert_allclose(slowest[0][both], slowest[1][both], rtol=1e-8, atol=2 * rest)
 
 
+@pytest.mark.slow
 def test_rough_records_have_the_peaks_of_another_method():
     """Two thousand scenes of coarse noise, some with an initial rotation: columns are lifted by jumps, turn
     twice within a sample, graze the ground, or bounce before the next uplift."""

@@ -345,6 +345,7 @@ def test_medians_have_intervals_in_place_of_errors(tmp_path, monkeypatch):
     assert [getattr(part, "value", part) for part in cell.note] == [0.9, " interval ", 1.5, " to ", 2.5]
 
 
+@pytest.mark.slow
 def test_searches_are_repeated_under_other_laws_of_impact(tmp_path):
     """The factors are boundaries under the other law. No law changes factors that lift the columns."""
     motions = "[motions.noise]\nsynthetic = 3\nseed = 1\nduration = 8.0\npga = 4.0\n"

@@ -81,6 +81,7 @@ def test_a_frame_has_the_limit_state_of_its_equivalent_block(factor):
     assert 0 < (values[0] <= 0).sum() < 64
 
 
+@pytest.mark.slow
 def test_parameters_of_random_pulses_have_sensitivities():
     """The numbers of a pulse may be Python floats. Without names of parameters, `log_slopes` needs no
     sensitivities."""

@@ -39,6 +39,7 @@ def test_bad_limits(analysis):
         rj.fragility(analysis, limit=("peak_friction", 0.3), method="capacities")
 
 
+@pytest.mark.slow
 def test_limit_states_of_random_motions():
     """G of both kinds of limit agrees with peaks under the same motions."""
     from rockjax._risk.structure import OPTIONS, StructureLimitState, parse_limit, records_from_samples
