@@ -1,6 +1,5 @@
 from ._annual import AnnualFrequency as AnnualFrequency
 from ._answer import Design as Design
-from ._answer import table as table
 from ._chart import design_chart as design_chart
 from ._chart import plot_chart as plot_chart
 from ._design import design as design

@@ -122,7 +122,9 @@ class Design(Module):
         }
 
     def __repr__(self):
-        return table(self)
+        headline, *tables = _tabulate(self)
+        lines = [f"Design: {headline}", *(line for rows in tables for line in aligned(rows))]
+        return "\n".join([*lines, *(f"  {sentence}" for sentence in _remarks(self))])
 
     def _repr_html_(self) -> str:
         return _html(self)
@@ -152,17 +154,6 @@ def _tabulate(design: Design) -> tuple[str, list[list[str]], list[list[str]]]:
 def check_design(owner: str, design) -> None:
     """Raise `ValueError` unless `design` is a `Design`."""
     require_instance(owner, "design", design, Design, "an optimise.Design, the result of optimise.design")
-
-
-def table(design: Design) -> str:
-    """Return a design as text: variables, worst margins and shadow prices of targets, cost of the search."""
-    check_design("table", design)
-    headline, variables, targets = _tabulate(design)
-    lines = [f"Design: {headline}"]
-    for rows in (variables, targets):
-        lines += aligned(rows)
-    lines += [f"  {sentence}" for sentence in _remarks(design)]
-    return "\n".join(lines)
 
 
 def aligned(rows: list[list[str]]) -> list[str]:

@@ -109,7 +109,6 @@ VALID = {
     },
     optimise.explore: {"structure": PODIUM, "excitation": pulse(), "vary": BOX},
     optimise.load: {},
-    optimise.table: {},
     optimise.convergence: {},
     optimise.before_after: {"before": PODIUM, "excitation": pulse()},
     optimise.plot_chart: {},
