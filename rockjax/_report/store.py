@@ -81,6 +81,7 @@ class Store:
 
     def __init__(self, path: Path | None = None):
         self.path, self.computed, self.last_write = path, 0, time.monotonic()
+        self._written = 0  # number of computed datasets that the file `path` has
         self.data: dict[str, xarray.Dataset] = {}
         self._started: dict[str, tuple[str, Future]] = {}  # name → fingerprint, dataset to come
         self._stop = threading.Event()
@@ -190,12 +191,12 @@ class Store:
     def save_unfinished(self) -> None:
         """Write all datasets, including finished ones of other threads, to NAME.partial.nc. A later run
         continues the report from this file. Write nothing if the store has no path, or if no dataset was
-        computed."""
+        computed since `save`."""
         for name, (inputs_hash, future) in list(self._started.items()):
             if future.done() and future.exception() is None:
                 del self._started[name]
                 self._add(name, inputs_hash, future.result())
-        if self.path is not None and self.computed:
+        if self.path is not None and self.computed > self._written:
             self._write(_partial(self.path))
         self.last_write = time.monotonic()
 
@@ -206,6 +207,7 @@ class Store:
             return None
         if self.computed or _partial(self.path).exists() or not self.path.exists():
             self._write(self.path)
+            self._written = self.computed
         _partial(self.path).unlink(missing_ok=True)
         return self.path
 

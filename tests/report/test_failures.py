@@ -4,9 +4,13 @@ traceback."""
 import errno
 import json
 import os
+import signal
+import subprocess
 import sys
+import time
 from pathlib import Path
 
+import jax
 import pytest
 import xarray
 
@@ -126,6 +130,72 @@ def test_files_that_the_system_refuses_keep_the_older_report(older, run):
     assert status == 1
     assert "could not be written: File too large" in message
     assert contents(older) == before
+
+
+def start_process(folder):
+    """Start the command in another process, which uses the programs that this process has compiled."""
+    words = [sys.executable, "-m", "rockjax", "report", "problem.toml", "-o", "page.html", "-q"]
+    cache = {
+        name.upper(): str(getattr(jax.config, name))
+        for name in ("jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs")
+    }
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    return subprocess.Popen(words, cwd=folder, env=os.environ | cache, **pipes)
+
+
+def end_process(process):
+    """Wait for the end of a process, and return its exit status and its messages."""
+    with process:
+        try:
+            messages = "".join(process.communicate(timeout=600))
+        except subprocess.TimeoutExpired:
+            process.kill()
+            raise
+    return process.returncode, messages
+
+
+@pytest.mark.slow
+def test_two_processes_write_one_report(solved, older):
+    processes = [start_process(older.parent) for _ in range(2)]
+    assert [end_process(process) for process in processes] == [(1, "")] * 2
+    assert_complete(solved, older.parent)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+def test_ctrl_c_of_a_process_at_ten_moments(solved, tmp_path):
+    """The older report stays, the solved scenes are stored, and the same command continues from them. A
+    signal that comes while files are written takes effect when the new report is complete."""
+    folders = [tmp_path / str(k) for k in range(11)]
+    for folder in folders:
+        folder.mkdir()
+        solved.copy(folder, solved.text)
+        (folder / "page.nc").unlink()
+        for name in NAMES[:2]:
+            (folder / name).write_text("older", encoding="utf-8")
+    start = time.monotonic()
+    end_process(start_process(folders[10]))
+    duration, interrupted = time.monotonic() - start, 0
+    assert_complete(solved, folders[10])
+    stored = Store(solved.folder / "page.nc").data.keys()
+    for k, folder in enumerate(folders[:10], 1):
+        process = start_process(folder)
+        time.sleep(duration * (k + 2) / 13)
+        process.send_signal(signal.SIGINT)
+        status, message = end_process(process)
+        if (folder / "page.nc").exists():
+            assert_complete(solved, folder)
+            continue
+        interrupted += 1
+        assert (status, "Traceback" in message) == (130, False), message
+        assert {(folder / name).read_text(encoding="utf-8") for name in NAMES[:2]} == {"older"}
+        assert Store(folder / "page.nc").data.keys() <= stored
+        names = {path.name for path in folder.iterdir()}
+        assert names <= {"problem.toml", "hazard.csv", "page.html", "page.json", "page.partial.nc"}
+    assert interrupted >= 5
+    last = [folder for folder in folders if (folder / "page.partial.nc").exists()][-1]
+    end_process(start_process(last))
+    assert_complete(solved, last)
 
 
 @pytest.mark.parametrize("place", [".xlsx", ".csv"])

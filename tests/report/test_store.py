@@ -161,6 +161,15 @@ def test_an_interruption_of_the_second_solution_keeps_the_first(tmp_path, monkey
     assert len(solved) == 3
 
 
+def test_an_interruption_after_the_file_is_written_leaves_no_other_file(tmp_path):
+    store = Store(tmp_path / "page.nc")
+    store.get("a", "inputs", lambda: numbers(2.0))
+    store.save()
+    with pytest.raises(KeyboardInterrupt), store.saved_on_interruption():
+        raise KeyboardInterrupt
+    assert [path.name for path in tmp_path.iterdir()] == ["page.nc"]
+
+
 def test_a_complete_unfinished_file_replaces_an_older_report(tmp_path):
     for value in (1.0, 2.0):
         store = Store(tmp_path / "page.nc")
