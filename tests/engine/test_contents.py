@@ -124,6 +124,7 @@ def test_one_impact_starts_a_block():
     np.testing.assert_allclose(demands, [0.9844854941904820, 1.490024380734774], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_an_impact_of_a_building_starts_a_block():
     """Fact 18: an impact under a building starts a block on the deck."""
     # `test_derivatives_agree_with_differences` has the same kinds of systems, so the program is the same.
@@ -135,6 +136,7 @@ def test_an_impact_of_a_building_starts_a_block():
     assert found.started_by_impulse
 
 
+@pytest.mark.slow
 def test_oscillators_agree_with_their_closed_form():
     """Fact 9; every level of a building agrees with floor spectra, which use another method."""
     periods = np.array([0.05, 0.5, 2.0])
@@ -240,6 +242,7 @@ SCENES = {
 }
 
 
+@pytest.mark.slow(but=["rigid deck"])
 @pytest.mark.parametrize("name", SCENES)
 def test_blocks_agree_with_an_independent_integrator(name):
     podium, (kind, a_p, T_p), up, blocks = SCENES[name]

@@ -30,7 +30,7 @@ class Answer(NamedTuple):
     on_floors: tuple
 
 
-@pytest.mark.slow(but=["ContentsRotation"])
+@pytest.mark.slow
 @pytest.mark.parametrize("target", TARGETS, ids=lambda target: type(target).__name__)
 def test_margins_and_their_derivatives(target):
     """Margins agree with single scenes, and derivatives with differences, also for a block that overturns."""

@@ -828,6 +828,7 @@ at_least = 0.1
 """
 
 
+@pytest.mark.slow
 def test_a_page_of_columns_that_carry_nothing_under_one_record(tmp_path):
     """The top joint has no dead load, the masses on the columns have no mean height, and numbers that belong
     to the only motion do not belong to the structure."""
