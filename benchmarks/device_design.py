@@ -353,8 +353,8 @@ def building_rows() -> list[dict]:
     motions: Motions = [shaking(k, 3.0) for k in range(10)]
     target = optimise.PeakRotation(LIMIT, motions)
     objectives = {
-        "least drift": optimise.WorstPeak("peak_drift", motions),
-        "least base shear": optimise.WorstPeak("peak_shear", motions),
+        "least drift": optimise.WorstDrift(motions),
+        "least base shear": optimise.WorstShear(motions),
     }
     rows = []
     for name, objective in objectives.items():

@@ -120,14 +120,7 @@ def least_shear(seed: int = 0, records: int = 4, starts: int = 1, **more) -> opt
     )
     target = optimise.OverturningScale(1.5, motions, max_scale=3.0)
     return optimise.design(
-        start,
-        vary,
-        optimise.WorstPeak("peak_shear", motions),
-        target,
-        seed=seed,
-        starts=starts,
-        options=OPTIONS,
-        **more,
+        start, vary, optimise.WorstShear(motions), target, seed=seed, starts=starts, options=OPTIONS, **more
     )
 
 

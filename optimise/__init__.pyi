@@ -13,9 +13,16 @@ from ._floor_targets import FloorSpectrum as FloorSpectrum
 from ._fresh import FreshSamples as FreshSamples
 from ._objectives import AbstractObjective as AbstractObjective
 from ._objectives import ExpectedLoss as ExpectedLoss
+from ._objectives import WorstDeformation as WorstDeformation
+from ._objectives import WorstDrift as WorstDrift
+from ._objectives import WorstFloorAcceleration as WorstFloorAcceleration
 from ._objectives import WorstPeak as WorstPeak
 from ._objectives import WorstRotation as WorstRotation
+from ._objectives import WorstShear as WorstShear
 from ._peak_targets import LeastAxialForce as LeastAxialForce
+from ._peak_targets import PeakDeformation as PeakDeformation
+from ._peak_targets import PeakDrift as PeakDrift
+from ._peak_targets import PeakFloorAcceleration as PeakFloorAcceleration
 from ._peak_targets import PeakFoundationShear as PeakFoundationShear
 from ._peak_targets import PeakFriction as PeakFriction
 from ._peak_targets import PeakLimit as PeakLimit

@@ -125,6 +125,45 @@ class WorstPeak(AbstractWorst):
         return f"worst {output_title(self.output)}" + (f" [{unit}]" if unit else "")
 
 
+class WorstShear(WorstPeak):
+    """The largest shear of the superstructure, divided by its weight, under a motion or a list of motions
+    [–]."""
+
+    def __init__(self, excitations):
+        super().__init__("peak_shear", excitations)
+
+    def describe(self) -> str:
+        return "worst peak shear / m_t g"
+
+
+class WorstDeformation(WorstPeak):
+    """The largest deformation of the superstructure under a motion or a list of motions [m]; with several
+    modes, the largest deformation of any mode."""
+
+    def __init__(self, excitations):
+        super().__init__("peak_deformation", excitations)
+
+
+class WorstDrift(WorstPeak):
+    """The largest drift of any story of a building under a motion or a list of motions [m].
+
+    The evaluation raises `ValueError` for a podium without stories.
+    """
+
+    def __init__(self, excitations):
+        super().__init__("peak_drift", excitations)
+
+
+class WorstFloorAcceleration(WorstPeak):
+    """The largest absolute horizontal acceleration of any floor under a motion or a list of motions [m/s²].
+
+    The evaluation raises `ValueError` for a podium without stories.
+    """
+
+    def __init__(self, excitations):
+        super().__init__("peak_floor_acceleration", excitations)
+
+
 class PodiumFunction(AbstractObjective):
     """A function of the podium that returns a number, or a vector whose largest entry is minimised."""
 

@@ -167,6 +167,50 @@ class PeakShear(PeakLimit):
         return f"peak shear ≤ {self.limit:g} m_t g"
 
 
+class PeakDeformation(PeakLimit):
+    """The deformation of the superstructure is at most `limit`: max|u_t − u_b| ≤ limit.
+
+    u_t and u_b are the displacements of the superstructure and of the beam. With several modes, each modal
+    deformation is limited.
+
+    - `limit`: > 0 [m]; `excitations`: a motion or a list of motions; `name`: name in reports, None for a
+      description
+
+    [`optimise.PeakLimit`][] defines the margin.
+    """
+
+    def __init__(self, limit, excitations, name: Name = None):
+        super().__init__("peak_deformation", limit, excitations, name)
+
+
+class PeakDrift(PeakLimit):
+    """The drifts of all stories of a building are at most `limit`.
+
+    - `limit`: > 0 [m]; `excitations`: a motion or a list of motions; `name`: name in reports, None for a
+      description
+
+    [`optimise.PeakLimit`][] defines the margin. The evaluation raises `ValueError` for a podium without
+    stories.
+    """
+
+    def __init__(self, limit, excitations, name: Name = None):
+        super().__init__("peak_drift", limit, excitations, name)
+
+
+class PeakFloorAcceleration(PeakLimit):
+    """The absolute horizontal accelerations of all floors of a building are at most `limit`.
+
+    - `limit`: > 0 [m/s²]; `excitations`: a motion or a list of motions; `name`: name in reports, None for a
+      description
+
+    [`optimise.PeakLimit`][] defines the margin. The evaluation raises `ValueError` for a podium without
+    stories.
+    """
+
+    def __init__(self, limit, excitations, name: Name = None):
+        super().__init__("peak_floor_acceleration", limit, excitations, name)
+
+
 class PeakFriction(PeakLimit):
     """The joints of all columns need at most the friction coefficient `limit`: max(|T|/N) ≤ limit.
 

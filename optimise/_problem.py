@@ -30,9 +30,21 @@ from ._answer import Design, aligned
 from ._design import design
 from ._failure import FailureProbability
 from ._floor_targets import ContentsRotation, FloorSpectrum
-from ._objectives import AbstractObjective, ExpectedLoss, WorstPeak, WorstRotation
+from ._objectives import (
+    AbstractObjective,
+    ExpectedLoss,
+    WorstDeformation,
+    WorstDrift,
+    WorstFloorAcceleration,
+    WorstPeak,
+    WorstRotation,
+    WorstShear,
+)
 from ._peak_targets import (
     LeastAxialForce,
+    PeakDeformation,
+    PeakDrift,
+    PeakFloorAcceleration,
     PeakFoundationShear,
     PeakFriction,
     PeakLimit,
@@ -62,7 +74,13 @@ WORST: dict[str, Any] = {
     kind: functools.partial(WorstPeak, name)
     for kind, name in PEAKS.items()
     if REGISTRY[name].for_limit(1.0)[0] == REGISTRY[name]
-} | {"peak-rotation": WorstRotation}
+} | {
+    "peak-rotation": WorstRotation,
+    "peak-shear": WorstShear,
+    "peak-deformation": WorstDeformation,
+    "peak-drift": WorstDrift,
+    "peak-floor-acceleration": WorstFloorAcceleration,
+}
 Positive = models.Positive
 _SET_TEXT = "Name of a set of motions."
 _WIDTH_TEXT = (
@@ -81,6 +99,9 @@ TARGETS: dict[str, Callable[..., AbstractTarget]] = {
     **{kind: functools.partial(PeakLimit, output) for kind, output in PEAKS.items()},
     "peak-rotation": PeakRotation,
     "peak-shear": PeakShear,
+    "peak-deformation": PeakDeformation,
+    "peak-drift": PeakDrift,
+    "peak-floor-acceleration": PeakFloorAcceleration,
     "peak-friction": PeakFriction,
     "peak-foundation-shear": PeakFoundationShear,
     "least-axial-force": LeastAxialForce,
