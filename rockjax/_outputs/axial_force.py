@@ -47,11 +47,7 @@ class AxialForce(AbstractJointOutput):
         return ((unset, unset),) * 2, None
 
     def over_step(self, step: Step, accumulator: Pairs) -> Maximum:
-        axial = [
-            [jax.tree.map(lambda y: y / step.c.g, course) for course in joint]
-            for joint in over_step(step).axial
-        ]
-        return step.largest_forces(axial, accumulator, sizes="both")
+        return step.largest_forces(over_step(step).axial, accumulator, step.c.g, sizes="both")
 
     def over_rest(self, rest: Rest, accumulator: Pairs) -> Pairs:
         for forces in over_rest(rest):

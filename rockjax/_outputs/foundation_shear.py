@@ -34,9 +34,8 @@ class PeakFoundationShear(AbstractForceOutput):
         return jnp.zeros((), start.t.dtype), None
 
     def over_step(self, step: Step, accumulator: Value) -> Maximum:
-        weight = total_weight(step.c)
-        course = jax.tree.map(lambda y: y / weight, over_step(step).foundation)
-        maximum = step.largest_forces([[course]], (accumulator,))
+        shear = over_step(step).foundation
+        maximum = step.largest_forces([[shear]], (accumulator,), total_weight(step.c))
         return maximum._replace(value=maximum.value[0])
 
     def over_rest(self, rest: Rest, accumulator: Value) -> Value:

@@ -17,7 +17,15 @@ import jax.numpy as jnp
 from rockjax._engine.coefficients import not_none
 from rockjax._engine.hermite import derivative
 from rockjax._engine.ratio import safe_ratio
-from rockjax._outputs.maxima import CLOSE, END_ZONE_ACCELERATIONS, NEAR_MAXIMUM, ROUNDING, Maximum, Quartic
+from rockjax._outputs.maxima import (
+    CLOSE,
+    END_ZONE_ACCELERATIONS,
+    NEAR_MAXIMUM,
+    ROUNDING,
+    Cubic,
+    Maximum,
+    Quartic,
+)
 from rockjax._programs.barrier import barrier
 from rockjax._types import Flag, Value
 
@@ -31,21 +39,22 @@ Accumulator = tuple[Value, ...]
 Forces = tuple[Force, Force]
 
 
-def _interior_maximum(tangential: Quartic, axial: Quartic, reference: Force) -> tuple[Value, Flag]:
-    """Return the position z of the maximum of T·N_0 − T_0·N inside a step, and whether there is one. (T_0,
-    N_0) is the force `reference`. Where the difference is positive, (T, N) is steeper than (T_0, N_0). The
-    position z ∈ (0, 1) is the time since the start of the step divided by the length of the step."""
-    difference = Quartic(
-        *[reference.axial * t - reference.size * n for t, n in zip(tangential, axial, strict=True)]
-    )
-    a, b, c = derivative(difference.cubic)
+def _difference(tangential: Quartic, axial: Quartic, reference: Force) -> Quartic:
+    """Return T·N_0 − T_0·N over a step. (T_0, N_0) is the force `reference`. Where the difference is
+    positive, (T, N) is steeper than (T_0, N_0)."""
+    size, n_0 = reference
+    return Quartic(*[n_0 * t - size * n for t, n in zip(tangential, axial, strict=True)])
+
+
+def _interior_maximum(cubic: Cubic) -> tuple[Value, Flag]:
+    """Return the position z ∈ (0, 1) of the maximum of a cubic, and whether there is one."""
+    a, b, c = derivative(cubic)
     squared = b * b - 4 * a * c
     root = jnp.sqrt(jnp.maximum(squared, 0.0))
     falls = b < 0
     numerator, denominator = jnp.where(falls, 2 * a, -b - root), jnp.where(falls, root - b, 2 * c)
     z = numerator / jnp.where(denominator == 0, 1.0, denominator)
-    exists = (squared > 0) & (denominator != 0) & (z > 0) & (z < 1)
-    return difference.extremum_near(z, exists), exists
+    return z, (squared > 0) & (denominator != 0) & (z > 0) & (z < 1)
 
 
 @jax.jit
@@ -57,14 +66,15 @@ def steepest(tangential: Course, axial: Course, span: Span, accumulator: Force) 
     - `accumulator`: steepest force so far
 
     The reference force (T_0, N_0) is the steepest of three forces: the forces at both ends of the step, and
-    `accumulator` with |T| reduced by 1 %. A force inside the step is steeper where T·N_0 − T_0·N is positive.
-    The function finds the maximum of this difference, takes the force there as the new (T_0, N_0), and finds
-    the maximum again. Such searches converge quadratically to the steepest force (Dinkelbach's method), so
-    two suffice. The next trial ends at the maximum, unless the maximum is close to an end of the step. If no
-    force inside the step is steeper than the reference force, the result is the steeper one of the forces at
-    the ends.
+    `accumulator` with |T| reduced by 1 %. A force inside the step is steeper where T·N_0 − T_0·N is
+    positive. The function finds the maximum of this difference, takes the force there as the new (T_0, N_0),
+    and finds the maximum again. Such searches converge quadratically to the steepest force (Dinkelbach's
+    method), so two suffice. The next trial ends at the maximum, unless the maximum is close to an end of the
+    step. If no force inside the step is steeper than the reference force, the result is the steeper one of
+    the forces at the ends.
     """
     constant, h = jax.lax.stop_gradient, span.h
+    per_second = safe_ratio(jnp.ones_like(h), h, h > 0)
 
     def end(k: int) -> tuple[Value, Value]:
         """Return T and N at the event or breakpoint at the start (`k` = 0) or the end (`k` = 1) of the step.
@@ -72,8 +82,8 @@ def steepest(tangential: Course, axial: Course, span: Span, accumulator: Force) 
         jets = []
         for course in (tangential, axial):
             value, rate = course[1 + k]
-            mean = safe_ratio(course.end[1] - course.start[1], h, h > 0)
-            at_end = safe_ratio(course.path.curvature(jnp.full_like(h, float(k))), h * h, h > 0)
+            mean = (course.end[1] - course.start[1]) * per_second
+            at_end = course.path.curvature(jnp.full_like(h, float(k))) * per_second**2
             jets.append((value, rate, jnp.where(span.long, at_end, mean)))
         # Let T_0 and N_0 be T and N at this end. Close to this end, the angle has an extremum where
         # T·N_0 − T_0·N has one. A small error in the time of the extremum hardly changes the angle, but
@@ -97,20 +107,20 @@ def steepest(tangential: Course, axial: Course, span: Span, accumulator: Force) 
     ]
     at_end = jnp.where(forces[1].is_steeper(forces[0]), ends[1][0], ends[0][0])
     side = constant(jnp.where(jnp.where(rises[0] * rises[1] < 0, rises[0], at_end) < 0, -1.0, 1.0))
-    paths = Quartic(*[side * y for y in tangential.path]), axial.path
+    paths = barrier((Quartic(*[side * y for y in tangential.path]), axial.path))
     fixed = constant(paths)
-    reference = constant(Force((1 - NEAR_MAXIMUM) * accumulator.size, accumulator.axial).steeper(largest_end))
+    so_far = Force((1 - NEAR_MAXIMUM) * accumulator.size, accumulator.axial)
+    reference = barrier(constant(so_far.steeper(largest_end)))
 
     def force_at(z: Value, paths: tuple[Quartic, Quartic]) -> Force:
         return Force(*[path.value(z) for path in paths])
 
-    z, exists = barrier(_interior_maximum(*fixed, reference))
-    found = force_at(z, fixed)
-    refined, is_refined = _interior_maximum(*fixed, found)
-    z = barrier(jnp.where(exists & is_refined & found.is_steeper(reference), refined, z))
+    z, exists = barrier(_interior_maximum(_difference(*fixed, reference).cubic))
+    difference = barrier(_difference(*fixed, force_at(z, fixed)))
+    z = difference.extremum_near(z, exists)
     # If T changes its sign in the step, T at z may have the sign opposite to `side`. The angle from the
     # vertical is then smaller than expected, so the force is compared with the reference force once more.
-    found = force_at(z, paths)
+    found = barrier(force_at(z, paths))
     found = found._replace(size=jnp.abs(found.size))
     left, right = found.size * reference.axial, reference.size * found.axial
     rounding = ROUNDING * jnp.finfo(h.dtype).eps * (jnp.abs(left) + jnp.abs(right))
@@ -218,7 +228,7 @@ class FrictionUse(AbstractJointOutput):
             ]
             for joint in zip(tangential, axial, strict=True)
         ]
-        return step.largest_forces(groups, accumulator, sizes="signed")
+        return step.largest_forces(groups, accumulator, jnp.ones_like(step.c.g), sizes="signed")
 
     def is_unchanged(self, bounds: JointBounds, accumulator: Accumulator) -> Flag:
         def holds(friction: Value, least: Value, most: Value, worst: Value) -> Flag:

@@ -15,11 +15,14 @@ import functools
 import itertools
 from typing import NamedTuple, Self
 
+import jax
 import jax.numpy as jnp
 
 from rockjax._engine.bounds import Bounds
 from rockjax._engine.coefficients import Coefficients, Vibration, not_none, weighted
 from rockjax._engine.model import restraint_bound
+from rockjax._engine.ratio import safe_ratio
+from rockjax._programs.barrier import barrier
 from rockjax._sincos import sincos
 from rockjax._types import Flag, Value, Values
 
@@ -101,11 +104,13 @@ class JointBounds:
         self.cos = rotation.cos[0]
         # Bounds on θ̈, including θ̈ = 0 of full contact. The bounds on the vertical acceleration v̈_b of the
         # beam follow by Eq. (15).
-        turning = self._turning_for(rotation)
-        self._turning = turning = jnp.minimum(turning[0], 0.0), jnp.maximum(turning[1], 0.0)
+        zero, one = jnp.zeros_like(c.alpha), jnp.ones_like(c.alpha)
+        least, self._most_turning = self._extremes(rotation, 0.0, (one, one), (zero, zero), 0.0)
+        least, self._most_turning = barrier((least, self._most_turning))
+        self._turning = turning = jnp.minimum(least, 0.0), jnp.maximum(self._most_turning, 0.0)
         drop = rotation.speed_squared * rotation.cos[1]
         least, most = _product(turning, rotation.sin)
-        self._rise = c.two_R * (least - drop), c.two_R * most
+        self._rise = barrier((c.two_R * (least - drop), c.two_R * most))
 
     @classmethod
     def from_bounds(cls, bounds: Bounds) -> Self:
@@ -141,6 +146,7 @@ class JointBounds:
             zero_at_rest(bounds.well), sin, cos, zero_at_rest(speed_squared),
             (zero_at_rest(flexibility[0]), zero_at_rest(flexibility[1])), resisting,
         )  # fmt: skip
+        rotation = barrier(rotation)
         modes = None if c.vibration is None else bounds
         return cls(c, bounds.ground, bounds.vertical, eccentricity, rotation, modes)
 
@@ -153,11 +159,6 @@ class JointBounds:
         flexibility = 1 / c.inertia, 1 / c.inertia
         rotation = Rotation(bounces.height, sin, cos, bounces.speed**2, flexibility, 0.0)
         return cls(c, bounces.ground, 0.0, one, rotation, None)
-
-    def _turning_for(self, rotation: Rotation) -> Span:
-        """Bound θ̈ for given bounds on the rotation [rad/s²]."""
-        zero, one = jnp.zeros_like(self.c.alpha), jnp.ones_like(self.c.alpha)
-        return self._extremes(rotation, 0.0, (one, one), (zero, zero), 0.0)
 
     def _extremes(
         self,
@@ -199,7 +200,7 @@ class JointBounds:
         rates = _sum((1.0, centripetal), (-c.centrifugal, _product(along, cos)))
         turned = 3 * across[0] / c.two_R, 3 * across[1] / c.two_R
         lower, upper = self._vibration(rotation, modal, turned, sway, (rates[1], -rates[0]))
-        return least - others - lower, most + others + upper
+        return barrier((least - others - lower, most + others + upper))
 
     def _extremes_in_contact(
         self, axial: Value, push: Value | float, modal: Values | float, sway: Value | float
@@ -325,7 +326,7 @@ class JointBounds:
             ):
                 spans.append((span[0] + of_devices[0], span[1] + of_devices[1]))
         lower, upper = zip(*spans, strict=True)
-        return functools.reduce(jnp.minimum, lower), functools.reduce(jnp.maximum, upper)
+        return barrier((functools.reduce(jnp.minimum, lower), functools.reduce(jnp.maximum, upper)))
 
     @functools.cached_property
     def least_axial(self) -> Pair:
@@ -378,24 +379,22 @@ class JointBounds:
         is_heavy = least > 0.5 * heaviest
         # `along` is an upper bound on the term that increases |T|/N beyond tan ψ: −X at the bottom joint, X
         # at the top joint. `opposite` is an upper bound on −1 times this term, which may reverse T.
+        weight = heaviest * steepest
+        lever = arm / self.cos
+        slowing, speeding = _product((lever, lever), self._turning)  # the first is ≤ 0, the second ≥ 0
         if c.restraint is not None:
-            fastest = jnp.maximum(-self._turning[0], self._turning[1])
             forces = [
                 jnp.maximum(jnp.abs(y.least), jnp.abs(y.largest)) for y in (self._over_both, self._over_one)
             ]
             couple = c.cos_alpha * (forces[0] + forces[1]) * sincos(0.5 * self.rotation.angle)[0]
-            of_devices = 2 * (couple + forces[1]) / self.cos
-            inertia = jnp.abs(arm) / self.cos * fastest
-            along = opposite = self.ground + of_devices + heaviest * steepest + inertia
+            along = self.ground + jnp.maximum(-slowing, speeding) + weight
+            along = opposite = along + 2 * (couple + forces[1]) / self.cos
+        elif joint:
+            along = self._without_weight(is_heavy, arm)[1] + weight
+            opposite = self.ground - slowing
         else:
-            low, high = self._without_weight(self.rotation, arm)
-            low_at_uplift, high_at_uplift = self._without_weight(self._at_uplift, arm)
-            if joint:
-                along = jnp.where(is_heavy, high_at_uplift, high) + heaviest * steepest
-                opposite = -low
-            else:
-                along = jnp.where(is_heavy, -low_at_uplift - lightest * steepest, -low)
-                opposite = high + heaviest * steepest
+            along = -self._without_weight(is_heavy, arm)[0] - jnp.where(is_heavy, lightest * steepest, 0.0)
+            opposite = self.ground + speeding + weight
         is_closed, carries_nothing = least > 0, (most == 0) & (least == 0)
         least, most = (jnp.where(is_closed, y, 1.0) for y in (least, most))
         demand = steepest + 0.5 * along / jnp.where(along > 0, least, most)
@@ -404,10 +403,15 @@ class JointBounds:
             demand = jnp.maximum(demand, self._friction_in_contact(joint, is_heavy, least))
         return jnp.where(is_closed, demand, jnp.where(carries_nothing, 0.0, jnp.inf))
 
-    def _without_weight(self, rotation: Rotation, arm: Value) -> Span:
-        """Bound ü_g + `arm`·θ̈/cos ψ [m/s²], the part of X in `_friction_at` without the weight."""
-        turning = _product((arm, arm), (1 / rotation.cos[1], 1 / rotation.cos[0]))
-        zero = jnp.zeros_like(self.c.alpha)
+    def _without_weight(self, at_uplift: Flag, arm: Value) -> Span:
+        """Bound ü_g + `arm`·θ̈/cos ψ [m/s²], the part of X in `_friction_at` without the weight; only at ψ = α
+        if `at_uplift`."""
+        c, rotation, zero = self.c, self.rotation, jnp.zeros_like(self.c.alpha)
+        uplift = (c.sin_alpha,) * 2, (c.cos_alpha,) * 2, (rotation.flexibility[0],) * 2
+        bounds = rotation.sin, rotation.cos, rotation.flexibility
+        sin, cos, flexibility = jax.tree.map(functools.partial(jnp.where, at_uplift), uplift, bounds)
+        rotation = rotation._replace(sin=sin, cos=cos, flexibility=flexibility)
+        turning = _product((arm, arm), (1 / cos[1], 1 / cos[0]))
         return self._extremes(rotation, 0.0, turning, (zero, zero), 1.0)
 
     def _friction_in_contact(self, joint: int, is_heavy: Flag, least: Value) -> Value:
@@ -426,14 +430,6 @@ class JointBounds:
             return lean + 0.5 * (self.ground + (c.g + self.vertical) * lean) / least
         return lean + 0.5 * (self.ground - jnp.where(is_heavy, (c.g - self.vertical) * lean, 0.0)) / least
 
-    @property
-    def _at_uplift(self) -> Rotation:
-        """Bounds on the rotation at ψ = α, for podiums without restrainers."""
-        c, rotation = self.c, self.rotation
-        return rotation._replace(
-            sin=(c.sin_alpha,) * 2, cos=(c.cos_alpha,) * 2, flexibility=(rotation.flexibility[0],) * 2
-        )
-
     @functools.cached_property
     def _contact_eccentricity(self) -> Value:
         """Bound on |ξ| in full contact, (F10).
@@ -445,7 +441,5 @@ class JointBounds:
         if c.restraint is not None:
             return self.eccentricity
         falling = self.rotation.flexibility[0] * c.gravity * (1 + self.vertical / c.g) * c.sin_alpha
-        is_rocking = falling > 0
-        speeding = self._turning_for(self._at_uplift)[1]
-        share = 1 + jnp.where(is_rocking, speeding / jnp.where(is_rocking, falling, 1.0), 0.0)
+        share = 1 + safe_ratio(self._most_turning, falling, falling > 0)
         return self.eccentricity * jnp.clip(share, 0.0, 1.0)

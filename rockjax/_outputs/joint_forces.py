@@ -94,7 +94,7 @@ def mean_forces(
     """
     joints = not_none(c.joints)
     gamma, eta = joints.gamma, c.eta
-    beam = beam_motion(c, sigma, x[0], v[0], a[0])
+    beam = barrier(beam_motion(c, sigma, x[0], v[0], a[0]))
     ground_horizontal, weight = horizontal(ground), c.g + _vertical(ground)
     springs = None if c.vibration is None else barrier(_spring_forces(c.vibration, beam, x, v))
     v_top = gamma * (ground_horizontal + beam.acceleration)
@@ -174,7 +174,8 @@ def column_forces(
     if offsets is None:
         return [y[0] for y in joints], [y[1] for y in joints]
     moment = not_none(mean.moment)
-    transferred = [transfer(c, moment, mean.eccentricity, mean.lean, mean.top[1], y) for y in offsets]
+    axial = mean.top[1]
+    transferred = barrier([transfer(c, moment, mean.eccentricity, mean.lean, axial, y) for y in offsets])
     tangential = [y[0] - change * mean.lean for y in joints for change in transferred]
     return tangential, [y[1] + change for y in joints for change in transferred]
 

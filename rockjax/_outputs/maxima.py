@@ -148,7 +148,7 @@ def larger(new: Values, accumulator: Values) -> Values:
     return jnp.where(new > accumulator, new, accumulator)
 
 
-@functools.partial(jax.jit, static_argnames=("end_zone", "shortens_step", "sizes", "of_joints"))
+@functools.partial(jax.jit, static_argnames=("end_zone", "shortens_step", "sizes"))
 def largest(
     path: Path,
     h: Value,
@@ -158,7 +158,6 @@ def largest(
     end_zone: float = END_ZONE_DEFORMATIONS,
     shortens_step: bool = True,
     sizes: Sizes = "absolute",
-    of_joints: bool = False,
 ) -> Maximum:
     """Return the `Maximum` of a quantity f over a step.
 
@@ -171,24 +170,24 @@ def largest(
     - `shortens_step`: whether the next trial ends on a maximum that may exceed the accumulator
     - `sizes`: "absolute" for max|f|, "signed" for max f, "both" for a pair of max(−f) and max f;
       `accumulator` has the same form
-    - `of_joints`: whether f is a force in a joint
 
     If f turns twice in the step, and one of the two extrema or the value at an end may exceed the
-    accumulator, the next trial ends between the extrema, whatever `shortens_step` is. Forces in the joints
-    have a stricter condition: an extremum itself may exceed the accumulator and 99 % of the larger value at
-    the ends. If a force grows by orders of magnitude in a step, its polynomial may turn twice although the
-    force does not. The stricter condition then avoids a shorter step.
+    accumulator, the next trial ends between the extrema, whatever `shortens_step` is. Quartics, the paths of
+    forces in the joints, have a stricter condition: an extremum itself may exceed the accumulator and 99 % of
+    the larger value at the ends. If a force grows by orders of magnitude in a step, its polynomial may turn
+    twice although the force does not. The stricter condition then avoids a shorter step.
     """
     rates = [end.rate for end in ends]
     turned = rates[0] * rates[1] < 0
     z, extremum, dips = _extremum(path, h, long, turned, ends)
     change = jnp.abs(path.slope(z))
-    mean_curvature = safe_ratio(rates[1] - rates[0], h, h > 0)
+    per_second = safe_ratio(jnp.ones_like(h), h, h > 0)
+    mean_curvature = (rates[1] - rates[0]) * per_second
     eps = jnp.finfo(h.dtype).eps
     at_ends = []
     for z_end, end in zip((0.0, 1.0), ends, strict=True):
-        at_end = safe_ratio(path.curvature(jnp.full_like(h, z_end)), h * h, h > 0)
-        curvature = jnp.where(long, at_end, mean_curvature)
+        curvature = path.curvature(jnp.full_like(h, z_end)) * per_second**2
+        curvature = jnp.where(long, curvature, mean_curvature)
         # If the nearest extremum equals the value at this end up to rounding, the extremum replaces the
         # value. An error δt of the time of the extremum changes the value only by order δt², but the
         # derivative of the value with respect to parameters by order δt.
@@ -197,6 +196,7 @@ def largest(
         is_close = jnp.abs(to_extremum) < CLOSE * eps * jnp.abs(end.value)
         value = end.value + end.past * (end.rate + 0.5 * end.past * curvature)
         at_ends.append(value + jnp.where(is_close, to_extremum, 0.0))
+    extremum, change, at_ends = barrier((extremum, change, at_ends))
     # A maximum that equals the value at an end up to rounding, as in short steps, needs no shorter step.
     rounding = ROUNDING * eps
     values, fractions = [], []
@@ -218,7 +218,7 @@ def largest(
             threshold = so_far - jnp.where(jnp.isfinite(so_far), NEAR_MAXIMUM * jnp.abs(so_far), 0.0)
         shortens = shortens_step & turned & exceeds_ends & (value > threshold)
         size_of_dip = size_at_z + change  # bound on f or |f| at both turning points
-        if of_joints:
+        if isinstance(path, Quartic):
             threshold = jnp.maximum(threshold, largest_end - NEAR_MAXIMUM * jnp.abs(largest_end))
         else:
             size_of_dip = jnp.maximum(largest_end, size_of_dip)

@@ -204,7 +204,7 @@ class Step:
         state, trial, c, sigma = self.state, self.trial, self.c, self.sigma
 
         def at_state(t, x, v):
-            ground = self.ground_at(t)
+            ground = barrier(self.ground_at(t))
             a = barrier(acceleration(c, sigma, ground, x, v))
             return quantity(Moment(c, sigma, t, ground, x, v, a))
 
@@ -220,7 +220,7 @@ class Step:
         if through_middle:
             values = jax.tree.leaves(barrier(at_state(*self._middle)))
             courses = [
-                course._replace(path=quartic(course.path, value, self.span.long))
+                course._replace(path=barrier(quartic(course.path, value, self.span.long)))
                 for course, value in zip(courses, values, strict=True)
             ]
         self._courses[key] = courses
@@ -334,32 +334,27 @@ class Step:
         return End(*course.start, self.span.before), End(*course.end, self.span.after)
 
     def largest_forces(
-        self, groups: Sequence[Sequence[Course]], accumulators: Sequence[Any], sizes: Sizes = "absolute"
+        self,
+        groups: Sequence[Sequence[Course]],
+        accumulators: Sequence[Any],
+        unit: Value,
+        sizes: Sizes = "absolute",
     ) -> Maximum:
         """Return the `Maximum` of groups of forces in the joints over the step: the largest value of each
         group, and the least `retry_fraction`.
 
         - `groups`: the forces over the step, such as those of both end columns
-        - `accumulators`: largest value so far of each group
+        - `accumulators`: largest value so far of each group, divided by `unit`, like the result
+        - `unit`: the unit of the accumulators [m/s²]
         - `sizes`: as for `largest`
         """
-        span, values, fractions = self.span, [], []
+        values, fractions = [], []
         for group, accumulator in zip(groups, accumulators, strict=True):
-            each = [
-                largest(
-                    course.path,
-                    span.h,
-                    span.long,
-                    accumulator,
-                    self._ends(course),
-                    END_ZONE_ACCELERATIONS,
-                    sizes=sizes,
-                    of_joints=True,
-                )
-                for course in group
-            ]
+            so_far = jax.tree.map(lambda y: y * unit, accumulator)
+            each = [self.largest(course, so_far, sizes=sizes) for course in group]
             rows = [maximum.value for maximum in each]
-            values.append(functools.reduce(lambda a, b: jax.tree.map(larger, b, a), rows))
+            worst = functools.reduce(lambda a, b: jax.tree.map(larger, b, a), rows)
+            values.append(jax.tree.map(lambda y: y / unit, worst))
             fractions += [maximum.retry_fraction for maximum in each]
         return Maximum(tuple(values), functools.reduce(jnp.minimum, fractions))
 
