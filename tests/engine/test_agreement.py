@@ -112,7 +112,7 @@ def test_derivatives_of_forces_at_turning_points(name, seed, scene, answer, join
         assert slopes == pytest.approx(right, rel=3e-5), rtol
 
 
-@pytest.mark.slow(but=["steps"])
+@pytest.mark.slow
 @pytest.mark.parametrize("motion", ["rough", "steps"])
 def test_friction_demand_is_infinite_where_a_joint_opens(motion):
     """In some of these scenes T changes its sign while the joint is open."""

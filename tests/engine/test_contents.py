@@ -354,6 +354,7 @@ def test_nothing_acts_back_and_batches_agree_with_single_scenes():
             assert np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
 
 
+@pytest.mark.slow
 def test_modes_without_mass_and_split_modes_change_nothing():
     """Facts 8 and 23: an oscillator on the deck is a mode without mass, and two modes of one period are one
     mode, for the podium and for all secondary systems on it."""
