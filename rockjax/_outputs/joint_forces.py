@@ -94,7 +94,7 @@ def mean_forces(
     """
     joints = not_none(c.joints)
     gamma, eta = joints.gamma, c.eta
-    beam = barrier(beam_motion(c, sigma, x[0], v[0], a[0]))
+    beam = beam_motion(c, sigma, x[0], v[0], a[0])
     ground_horizontal, weight = horizontal(ground), c.g + _vertical(ground)
     springs = None if c.vibration is None else barrier(_spring_forces(c.vibration, beam, x, v))
     v_top = gamma * (ground_horizontal + beam.acceleration)

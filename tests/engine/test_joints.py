@@ -404,7 +404,7 @@ def test_balance_of_columns(kind):
             lam * R**2 * found.theta_ddot / G,
         ]
         size = np.max(np.abs(terms), axis=0)
-        assert np.max(np.abs(sum(terms)) / size) <= 2e-13
+        assert np.max(np.abs(sum(terms)) / size) <= 1e-13
         if found.T.shape[2] > 1:
             count = found.T.shape[2]
             size = np.max(np.abs(found.T), axis=(1, 2))
