@@ -155,10 +155,8 @@ def floor_spectrum(
     is_suite = isinstance(excitation, Motions | Records) or not isinstance(
         excitation, AbstractExcitation | Motion
     )
-    T, zeta = (
-        as_axis(owner, "periods", np.atleast_1d(periods)),
-        as_axis(owner, "damping", np.atleast_1d(damping)),
-    )
+    T = as_axis(owner, "periods", np.atleast_1d(periods))
+    zeta = as_axis(owner, "damping", np.atleast_1d(damping))
     require(owner, "periods", T, lambda v: v > 0, "finite and > 0 s")
     require(owner, "damping", zeta, lambda v: (v >= 0) & (v < 1), "in [0, 1)")
     levels = list(level) if isinstance(level, list | tuple | np.ndarray) else [level]
