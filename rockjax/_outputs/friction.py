@@ -25,6 +25,7 @@ from rockjax._outputs.maxima import (
     Cubic,
     Maximum,
     Quartic,
+    curvatures_at_ends,
 )
 from rockjax._programs.barrier import barrier
 from rockjax._types import Flag, Value
@@ -74,17 +75,13 @@ def steepest(tangential: Course, axial: Course, span: Span, accumulator: Force) 
     the forces at the ends.
     """
     constant, h = jax.lax.stop_gradient, span.h
-    per_second = safe_ratio(jnp.ones_like(h), h, h > 0)
+    courses = tangential, axial
+    curvatures = [curvatures_at_ends(y.path, h, span.long, (y.start[1], y.end[1])) for y in courses]
 
     def end(k: int) -> tuple[Value, Value]:
         """Return T and N at the event or breakpoint at the start (`k` = 0) or the end (`k` = 1) of the step.
         If the angle of the force has an extremum here up to rounding, return T and N at the extremum."""
-        jets = []
-        for course in (tangential, axial):
-            value, rate = course[1 + k]
-            mean = (course.end[1] - course.start[1]) * per_second
-            at_end = course.path.curvature(jnp.full_like(h, float(k))) * per_second**2
-            jets.append((value, rate, jnp.where(span.long, at_end, mean)))
+        jets = [(*course[1 + k], both[k]) for course, both in zip(courses, curvatures, strict=True)]
         # Let T_0 and N_0 be T and N at this end. Close to this end, the angle has an extremum where
         # T·N_0 − T_0·N has one. A small error in the time of the extremum hardly changes the angle, but
         # changes the derivative of the angle with respect to parameters.

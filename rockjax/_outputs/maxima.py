@@ -8,7 +8,7 @@ accumulator is the largest value so far in the scene (one podium under one excit
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Literal, NamedTuple, Protocol
 
 import jax
@@ -148,6 +148,19 @@ def larger(new: Values, accumulator: Values) -> Values:
     return jnp.where(new > accumulator, new, accumulator)
 
 
+def curvatures_at_ends(path: Path, h: Value, long: Flag, rates: Sequence[Values]) -> list[Values]:
+    """Return the second derivative in time of a quantity at the start and at the end of a step: that of its
+    polynomial, or the mean over the step unless `long`.
+
+    - `path`, `h`, `long`: as for `largest`
+    - `rates`: derivatives in time at both ends
+    """
+    per_second = safe_ratio(jnp.ones_like(h), h, h > 0)
+    mean = (rates[1] - rates[0]) * per_second
+    at_ends = [path.curvature(jnp.full_like(h, z)) * per_second**2 for z in (0.0, 1.0)]
+    return [jnp.where(long, curvature, mean) for curvature in at_ends]
+
+
 @functools.partial(jax.jit, static_argnames=("end_zone", "shortens_step", "sizes"))
 def largest(
     path: Path,
@@ -181,13 +194,10 @@ def largest(
     turned = rates[0] * rates[1] < 0
     z, extremum, dips = _extremum(path, h, long, turned, ends)
     change = jnp.abs(path.slope(z))
-    per_second = safe_ratio(jnp.ones_like(h), h, h > 0)
-    mean_curvature = (rates[1] - rates[0]) * per_second
+    curvatures = curvatures_at_ends(path, h, long, rates)
     eps = jnp.finfo(h.dtype).eps
     at_ends = []
-    for z_end, end in zip((0.0, 1.0), ends, strict=True):
-        curvature = path.curvature(jnp.full_like(h, z_end)) * per_second**2
-        curvature = jnp.where(long, curvature, mean_curvature)
+    for curvature, end in zip(curvatures, ends, strict=True):
         # If the nearest extremum equals the value at this end up to rounding, the extremum replaces the
         # value. An error δt of the time of the extremum changes the value only by order δt², but the
         # derivative of the value with respect to parameters by order δt.
