@@ -269,6 +269,7 @@ def solve(batch: Scenes, answers: tuple[str, ...], rtol: float, method="dopri8",
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # scenes that do not finish
+        warnings.simplefilter("ignore", rj.PlausibilityWarning)  # random restitution factors
         return rj.peak_responses(
             batch.podium, batch.motion, initial=batch.initial, t_end=batch.t_end, options=options, **more
         )
