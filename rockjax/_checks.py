@@ -39,6 +39,8 @@ def as_float(x, label: str = "the value") -> Array:
     try:
         if x is None or isinstance(x, str | bytes) or _contains_string(x):
             raise TypeError
+        if isinstance(x, np.ndarray | np.generic) and x.dtype.kind in "cmMSUV":
+            raise TypeError
         is_plain = isinstance(x, float | int | np.ndarray | np.generic) or _is_python_numbers(x)
         if is_plain and np.asarray(x).dtype.kind in "fiub":
             array = np.array(x, float_type())
@@ -72,6 +74,10 @@ def refuse_gaps(name: str, x) -> None:
     Missing values are masked values, None in a list or tuple, and elements of an array of objects that are
     not numbers, such as None and NA.
     """
+    if isinstance(x, list | tuple):
+        for y in x:
+            if not isinstance(y, float | int):
+                refuse_gaps(name, y)
     if isinstance(x, np.ma.MaskedArray):
         gaps = np.ma.getmaskarray(x)
     elif isinstance(x, np.ndarray) and x.dtype.kind == "O":
@@ -87,16 +93,17 @@ def refuse_gaps(name: str, x) -> None:
 
 _CURE = "cut the gap out or fill it"
 # Absolute values that digitisers and libraries write for missing samples: 999, 999.9, 999.99, 9999, …; the
-# limits of integers and of float32; and the fill values of SMC and netCDF files.
+# limits of integers and of float32; and the fill values of SAC, SMC and netCDF files.
 _SENTINELS = (
     *(10**k - 10**-d for k in range(3, 10) for d in range(3)),
-    *(32768, 2147483647, 2147483648, 1e10, 1e20, 1e30, 1.7e38, 3.4028235e38, 9.969209968386869e36),
+    *(12345, 32768, 65535, 8388608, 2147483647, 2147483648),
+    *(1e10, 1e20, 1e30, 1.7e38, 3.4028235e38, 9.969209968386869e36),
 )
 
 
 def refuse_sentinels(name: str, samples: np.ndarray) -> None:
     """Raise `ValueError` if samples contain a value that stands for missing samples, such as -999. The
-    message names the gap.
+    message names the longest gap.
 
     A value of `_SENTINELS`, with either sign, stands for missing samples in two cases:
 
@@ -115,7 +122,9 @@ def refuse_sentinels(name: str, samples: np.ndarray) -> None:
         jumps = np.abs(np.diff(samples))[[*(starts[starts > 0] - 1), *(ends[ends < matches.size] - 1)]]
         has_runs = (ends - starts).max() >= 3 and jumps.max() > 0.5 * size
         if has_runs or 3 * sizes[~matches].max() < size:
-            value = f"{samples[int(matches.argmax())]:.10g}, which stands for missing samples"
+            first = int(starts[(ends - starts).argmax()])  # of the longest run
+            value = f"{samples[first]:.10g}, which stands for missing samples"
+            matches[:first] = False
             raise ValueError(
                 f"{name} has a gap: {value}, at {_describe_first_run(matches)} of {matches.size}; {_CURE}"
             )

@@ -47,11 +47,13 @@ UNITS = {
     "counts": Unit("counts", 1.0),
 }
 _ALIASES = {
-    "g's": "g", "gs": "g", "gn": "g", "g0": "g", "milli-g": "mg", "gals": "gal",
+    "g's": "g", "gs": "g", "gn": "g", "g0": "g", "milli-g": "mg", "millig": "mg", "gals": "gal",
     "kine": "cm/s", "msec": "ms", "millis": "ms", "µs": "us", "μs": "us", "usec": "us",
-    "minute": "min", "minutes": "min", "1/yr": "1/year", "1/a": "1/year", "/year": "1/year", "/yr": "1/year",
+    "seg": "s", "minute": "min", "minutes": "min",
+    "1/yr": "1/year", "1/a": "1/year", "/year": "1/year", "/yr": "1/year",
     "yr-1": "1/year", "year-1": "1/year", "peryear": "1/year", "peryr": "1/year", "perannum": "1/year",
-    "a": "year", "yr": "year", "yrs": "year", "years": "year", "percent": "%", "-": "1", "–": "1",
+    "a": "year", "yr": "year", "yrs": "year", "years": "year", "jahre": "year", "ans": "year",
+    "anni": "year", "años": "year", "percent": "%", "-": "1", "–": "1",
     "count": "counts", "cts": "counts", "digit": "counts", "digits": "counts",
 }  # fmt: skip
 _SUPERSCRIPTS = str.maketrans("²³⁻¹", "23-1")

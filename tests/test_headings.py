@@ -48,6 +48,16 @@ from rockjax._units import unit_of
         ("annual_rate", "annual_rate", "rate", None, None),
         ("Mean annual frequency (1/yr)", "Mean annual frequency", "rate", "1/year", None),
         ("return period [years]", "return period", "return period", "year", None),
+        ("Acc [cm/s²] corrected", "Acc corrected", "acceleration", "cm/s2", None),
+        ("Acc (gal) N-S", "Acc N-S", "acceleration", "gal", None),
+        ("Acc (1) N-S", "Acc (1) N-S", "acceleration", None, None),
+        ("Peak Ground Acceleration (m/s2)", "PGA", "acceleration", "m/s2", None),
+        ("tiempo (seg)", "tiempo", "time", "s", None),
+        ("Wiederkehrperiode [Jahre]", "Wiederkehrperiode", "return period", "year", None),
+        ("Wahrscheinlichkeit in 50 Jahren", "Wahrscheinlichkeit", "probability", None, 50),
+        ("Probabilité de dépassement en 50 ans", "Probabilité de dépassement", "probability", None, 50),
+        ("AEP [%]", "AEP", "probability", "%", 1),
+        ("annual_freq", "annual_freq", "rate", None, None),
     ],
 )
 def test_headings_say_quantity_unit_and_years(text, quantity, kind, unit, years):
@@ -57,7 +67,17 @@ def test_headings_say_quantity_unit_and_years(text, quantity, kind, unit, years)
 
 
 @pytest.mark.parametrize(
-    "text", ["acc [furlongs]", "Time (UTC)", "Acc (cm/s)", "time [g]", "PGV [m/s2]", "rate [g]"]
+    "text",
+    [
+        "acc [furlongs]",
+        "Time (UTC)",
+        "time (ns)",
+        "Time (h)",
+        "Acc (cm/s)",
+        "time [g]",
+        "PGV [m/s2]",
+        "rate [g]",
+    ],
 )
 def test_headings_that_are_not_understood_are_quoted(text):
     with pytest.raises(ValueError, match=r"^file\.csv:1: ") as error:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 
 _UP_NAME = re.compile(
-    r"(?:u|up|ud|upd|updo|updown|upwards?|v|ver|vert|vertical|verticale|vrtc?|vt|vtl|vertup|z|zdir|zaxis"
-    r"|accz|az|compz|düşey)\d*"
+    r"(?:u|up|ud|upd|updo|updown|upwards?|v|ver|vert|vertical[ae]?|vertikal|vrtc?|vt|vtl|vertup|z|zdir|zaxis"
+    r"|accz|compz|düşey)\d*"
 )
 _DOWN_NAME = re.compile(r"(?:dn|dwn|down|downwards?|vertdown)\d*")
 # Channel codes: one letter each for band, instrument and orientation (HNZ, BHZ). Digits before or after the
@@ -27,12 +27,17 @@ def _normalise(name: str) -> str:
 
 
 def is_vertical(name: str) -> bool:
-    """Return whether a name means a vertical component: the whole name, its first word, or the part after its
-    last dot must be a word such as `Up`, `U-D`, `UD1`, `VERT.`, `DWN` or `HNZ`. Case and punctuation do not
-    matter."""
-    return any(
-        _matches_vertical(_normalise(word)) for word in (name, (name.split() or [""])[0], name.split(".")[-1])
-    )
+    """Return whether a name means a vertical component: the whole name, its first or last word, or the part
+    after its last dot must be a word such as `Up`, `U-D`, `UD1`, `VERT.`, `DWN` or `HNZ`. Case and
+    punctuation do not matter."""
+    # AZ is an acceleration along z; before a number it is an azimuth.
+    return _normalise(name) == "az" or any(map(_matches_vertical, _parts(name)))
+
+
+def _parts(name: str) -> list[str]:
+    """Return the parts of a name that may state the direction, normalised."""
+    words = name.split() or [""]
+    return [_normalise(part) for part in (name, words[0], words[-1], name.split(".")[-1])]
 
 
 def _matches_vertical(normalised: str) -> bool:
@@ -41,7 +46,7 @@ def _matches_vertical(normalised: str) -> bool:
 
 def points_down(name: str) -> bool:
     """Return whether a vertical component is positive downwards according to its name, such as `DWN`."""
-    return any(_DOWN_NAME.fullmatch(_normalise(word)) for word in (name, (name.split() or [""])[0]))
+    return any(map(_DOWN_NAME.fullmatch, _parts(name)))
 
 
 def split_name(name: str) -> tuple[str, str]:

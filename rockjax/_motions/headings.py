@@ -12,16 +12,17 @@ from rockjax._units import UNITS, unit_of
 
 # Kinds of quantities, and patterns of their headings. The first pattern that matches determines the kind.
 _QUANTITIES = [
-    ("probability", r"\b(?:poe|pe|prob\w*|pexc\w*)(?:\b|\d)|\bp\([a-z>]"),
-    ("return period", r"\breturn period|\brp\b|\bt r\b"),
-    ("rate", r"\brates?\b|\b(?:annual|mean|exceedance)\b.*\bfrequency|\bfrequency of|\b(?:maf|mafe|afe)\b"
+    ("probability", r"\b(?:poe|pe|aep|prob\w*|pexc\w*|wahrsch\w*|likelihood|chance)(?:\b|\d)"
+                    r"|\bp\([a-z>]"),
+    ("return period", r"\breturn period|\brp\b|\bt r\b|\bwiederkehr|\b(?:retour|ritorno|retorno)\b"),
+    ("rate", r"\brates?\b|\b(?:annual|mean|exceedance)\b.*\bfreq|\bfrequency of|\b(?:maf|mafe|afe)\b"
              r"|\blambda\b|λ"),
     ("acceleration", r"\bpga\b|\bp?sa\b|\bpeak ground acc|\bspectral acc"),
     ("velocity", r"\bpgv\b|\bpeak ground vel"),
     ("displacement", r"\bpgd\b|\bpeak ground disp"),
     ("index", r"^(?:|index|idx|no\.?|nr\.?|n|i|k|#|id|row|step|points?|samples?|sample (?:no|number|index)\.?"
               r"|unnamed:? ?\d*|count|number)$"),
-    ("time", r"^(?:t|(?:[a-z]+ )?times?|time stamp|zeit|tempo|temps|tiempo|zaman|seconds?|sec)$"),
+    ("time", r"^(?:t|(?:[a-z]+ )?times?|time ?stamp|zeit|tempo|temps|tiempo|zaman|seconds?|sec)$"),
     ("acceleration", r"^(?:a|ag|a g|a\(t\)|a[xyz]|[üu]g?|x ?ddot|ug ?ddot)$|\b(?:acc|acel|besch|ivme)"),
     ("velocity", r"^v(?:g|\(t\))?$|\b(?:vel|vit|geschw)"),
     ("displacement", r"^(?:d|dg|d\(t\))$|\b(?:disp|desp|dépl|depl|spost|versch)"),
@@ -38,11 +39,11 @@ _DIMENSIONS = {
 # A spectral value with its period: Sa(0.3), SA(T=1.0 s).
 _SPECTRAL_VALUE = re.compile(r"\b(P?S[ad])[ _]?\(\s*(?:T\d?\s*=\s*)?([\d.]+)\s*(?:s|sec)?\s*\)", re.I)
 _YEARS = re.compile(  # investigation time: "in 50 years"
-    r"[\[(]?\s*(?:\b(?:in|over|during|for|per|within)\s+)?"
-    r"(?<![\d.])(\d+(?:\.\d+)?)[\s-]*(?:years?|yrs?|y|a)\b\s*[\])]?",
+    r"[\[(]?\s*(?:\b(?:in|en|over|during|for|per|within)\s+)?"
+    r"(?<![\d.])(\d+(?:\.\d+)?)[\s-]*(?:years?|yrs?|y|a|jahren?|ans|anni|años)\b\s*[\])]?",
     re.I,
 )
-_BRACKETS = re.compile(r"\s*(?:\[([^\[\]]*)\]|\(([^()]*(?:\([^()]*\))?[^()]*)\))\s*$")
+_BRACKETS = re.compile(r"\s*(?:\[([^\[\]]*)\]|\(([^()]*(?:\([^()]*\))?[^()]*)\))\s*")
 # Parentheses that contain a direction, not a unit: (N-S), (x), (H1), (N90E), (090).
 _QUALIFIER = re.compile(
     r"(?:[nsewxyzhv]\d?|n-?s|e-?w|u-?d|up|down|[ns]\d{1,2}[ew]|\d{2,3}|[a-z]{2}[nezxy123])$", re.I
@@ -79,7 +80,7 @@ def parse_heading(location: str, text: str) -> Heading:
     if _match_quantity(words) == "probability":
         if match := _YEARS.search(words.replace("_", " ")):
             years, words = float(match[1]), words[: match.start()] + " " + words[match.end() :]
-        elif re.search(r"annual|yearly|per (?:year|annum)", words, re.I):
+        elif re.search(r"annual|\baep\b|yearly|per (?:year|annum)", words, re.I):
             years, words = 1.0, re.sub(r"\s*per (?:year|annum)", "", words, flags=re.I)
     if match := _SPECTRAL_VALUE.search(words):
         standard_name = f"{'Sd' if match[1][-1] in 'dD' else 'Sa'}({float(match[2]):g} s)"
@@ -96,8 +97,9 @@ def parse_heading(location: str, text: str) -> Heading:
         )
     if not quantity and not unit:
         kind = "index"
-    is_peak = re.fullmatch(r"pg[avd]", quantity, re.I)
-    return Heading(text, standard_name or (quantity.upper() if is_peak else quantity), kind, unit, years)
+    if peak := re.fullmatch(r"pg([avd])|peak ground (acc|vel|disp)[a-z]*", quantity, re.I):
+        standard_name = f"PG{(peak[1] or peak[2])[0]}".upper()
+    return Heading(text, standard_name or quantity, kind, unit, years)
 
 
 def _match_quantity(words: str) -> str:
@@ -112,16 +114,17 @@ def _split(location: str, text: str, words: str) -> tuple[str, str | None]:
     unit in brackets."""
     if (unit := unit_of(words)) and not _match_quantity(words):
         return "", unit
-    if brackets := _BRACKETS.search(words):
-        in_brackets, quantity = (
-            (brackets[1] or brackets[2] or "").strip(),
-            words[: brackets.start()].rstrip(" ,/_"),
-        )
-        if unit := unit_of(in_brackets):
-            return quantity, unit
-        if brackets[1] is None and (
-            _is_symbol(words) or _QUALIFIER.match(in_brackets) or words.casefold().startswith("p(")
-        ):
+    all_brackets = list(_BRACKETS.finditer(words))
+    for brackets in reversed(all_brackets):  # words may follow the unit: Acc [g] corrected
+        unit = unit_of(brackets[1] or brackets[2])
+        if unit and (unit != "1" or brackets.end() == len(words)):  # Channel (1) is no ratio
+            quantity = words[: brackets.start()].rstrip(" ,/_")
+            return f"{quantity} {words[brackets.end() :]}".strip(), unit
+    if all_brackets and all_brackets[-1].end() == len(words):
+        brackets = all_brackets[-1]
+        in_brackets = (brackets[1] or brackets[2] or "").strip()
+        is_direction = _QUALIFIER.match(in_brackets) and _match_quantity(words[: brackets.start()]) != "time"
+        if brackets[1] is None and (_is_symbol(words) or is_direction or words.casefold().startswith("p(")):
             return words, None
         raise ValueError(
             f"{location}: the unit {in_brackets!r} in the heading {text.strip()!r} is not known; use one of "

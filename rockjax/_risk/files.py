@@ -18,6 +18,7 @@ import numpy as np
 
 from rockjax._checks import as_strings, require_positive
 from rockjax._files import write_atomically
+from rockjax._motions.formats.table import split_headings
 from rockjax._motions.headings import Heading, parse_heading
 from rockjax._motions.intensity import period_of
 from rockjax._parameters.registry import as_variable
@@ -62,7 +63,8 @@ class _Row(NamedTuple):
 
     @classmethod
     def parse(cls, number: int, line: str, delimiter: str) -> _Row:
-        cells = [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
+        cells = line.split() if delimiter == " " else next(csv.reader([line], delimiter=delimiter), [])
+        cells = [cell.strip() for cell in cells]
         if delimiter != ",":  # then a comma in a number is a decimal comma
             cells = [
                 with_point if _as_number(with_point := cell.replace(",", ".")) is not None else cell
@@ -76,7 +78,8 @@ class _Row(NamedTuple):
 
     @property
     def has_numbers(self) -> bool:
-        return any(_as_number(cell) is not None for cell in self.cells)
+        first = next(filter(None, self.cells), "")
+        return _as_number(first) is not None
 
     def number(self, path: str | Path, column: int) -> float:
         """Return the number in the column with this index. If there is none, raises a `ValueError` that names
@@ -89,10 +92,10 @@ class _Row(NamedTuple):
 
 
 def _delimiter(lines: list[str]) -> str:
-    """Return the delimiter of a table: a semicolon or a tab if the last line that is not empty contains one,
-    otherwise a comma."""
+    """Return the delimiter of a table: the first of semicolon, tab, comma and blank that the last line that
+    is not empty contains; a comma if it contains none of them."""
     last_line = next((line for line in reversed(lines) if line.strip()), "")
-    return next((mark for mark in ";\t" if mark in last_line), ",")
+    return next((mark for mark in ";\t, " if mark in last_line.strip()), ",")
 
 
 def _as_number(cell: str) -> float | None:
@@ -107,8 +110,11 @@ def _read_two_columns(path: str | Path, rows: list[_Row], comments: list[_Row]) 
     or probabilities."""
     data_rows = [k for k, row in enumerate(rows) if row.has_numbers]
     first = data_rows[0] if data_rows else len(rows)
+    count = max(len(row.cells) for row in rows[first:] or rows)
+    # A line with a single cell is a title.
+    heading_rows = [row for row in rows[:first] if sum(map(bool, row.cells)) > 1] or comments[-1:]
     heading_texts = _headings(
-        [row.cells for row in rows[:first]] or [_uncommented(row) for row in comments[-1:]], rows
+        [split_headings(row.text, count) or _uncommented(row) for row in heading_rows], rows
     )
     headings = [parse_heading(str(path), text) for text in heading_texts]
     columns = [k for k, heading in enumerate(headings) if heading.kind not in ("index", "time")]
@@ -133,12 +139,14 @@ def _read_two_columns(path: str | Path, rows: list[_Row], comments: list[_Row]) 
         [[row.number(path, k) for k in (intensity_columns[0], rate_columns[0])] for row in rows[first:]]
     )
     levels, rates = _annual_rates(path, rate_heading, values.reshape(-1, 2), _investigation_years(comments))
+    if levels.size and levels[0] > levels[-1]:
+        levels, rates = levels[::-1], rates[::-1]
     measure = intensity_heading.quantity
     return {"intensity": levels * factor, "annual_rate": rates, "measure": measure, "units": units}
 
 
 def _uncommented(row: _Row) -> list[str]:
-    """Return the cells of a comment without the leading #."""
+    """Return the cells of a row; if it is a comment, without the leading #."""
     return [row.cells[0].lstrip('"# '), *row.cells[1:]]
 
 
@@ -192,6 +200,10 @@ def _annual_rates(
     - `years`: investigation time of probabilities, used if their heading states none [years]; None if unknown
     """
     quoted = f"{path}: heading {heading.text.strip()!r}"
+    if re.search(r"\b(?:non|not)\b[\s_-]*exc|\bsurviv|\blog(?:10)?\b|\bln\b", heading.text, re.I):
+        raise ValueError(
+            f"{quoted}: the column must have rates, return periods or probabilities of exceedance; convert it"
+        )
     x, values = table[:, 0], table[:, 1] * (UNITS["%"].factor if heading.unit == "%" else 1.0)
     if heading.kind == "rate":
         if re.search(r"\d\s*-?\s*(?:years?|yrs?|a)\b", heading.text, re.I):
@@ -273,8 +285,8 @@ def _measure(path: str | Path, imt: str) -> tuple[str, str]:
         return "PGA", "g"
     if imt == "PGV":
         return "PGV", "cm/s"
-    if imt.startswith("SA("):
-        return f"Sa({float(imt[3:-1]):g} s)", "g"
+    if match := re.fullmatch(r"SA\((\d+\.?\d*|\.\d+)\)", imt):
+        return f"Sa({float(match[1]):g} s)", "g"
     raise ValueError(f"{path}: intensity measure must be PGA, PGV or SA(T), got {imt!r}")
 
 
@@ -375,10 +387,11 @@ def read_fragility_model(path: str | Path) -> dict[str, xarray.Dataset]:
     """
     try:
         model = ET.parse(path).getroot().find(f"{{{NRML}}}fragilityModel")
-    except ET.ParseError as error:
-        raise ValueError(f"{path}: the file is not valid XML: {error}") from None
     except OSError as error:
         raise ValueError(f"{path}: the file cannot be read: {error.strerror or error}") from None
+    except (ET.ParseError, LookupError, ValueError) as error:  # the last two are unknown encodings
+        read_text(path, utf8_only=True)  # raises an error that names the line if the text is not UTF-8
+        raise ValueError(f"{path}: the file is not valid XML: {error}") from None
     if model is None:
         raise ValueError(f"{path}: the file has no fragilityModel of NRML 0.5")
     curves: dict[str, xarray.Dataset] = {}
@@ -392,6 +405,7 @@ def read_fragility_model(path: str | Path) -> dict[str, xarray.Dataset]:
         imls, states = function.find(f"{{{NRML}}}imls"), function.findall(f"{{{NRML}}}params")
         if imls is None or not states:
             raise ValueError(f"{path}: {name} has no imls or no params")
+        _require_limits_in_imls(path, name, imls, [function, *function])
         for state in states:
             label = name if len(states) == 1 else f"{name}/{state.get('ls')}"
             if label in curves:
@@ -419,6 +433,21 @@ LIMITS = {
     "minIML": "min_intensity",
     "maxIML": "max_intensity",
 }
+
+
+def _require_limits_in_imls(
+    path: str | Path, name: str, imls: ET.Element, elements: Sequence[ET.Element]
+) -> None:
+    """Raise `ValueError` if one of the elements of a curve, as element or as attribute, has a limit that
+    OpenQuake would not find: outside `imls`, or in another spelling."""
+    spellings = {key.casefold(): key for key in LIMITS}
+    for element in elements:
+        tag = element.tag.rpartition("}")[2]
+        names = [tag, *(key for key in element.attrib if element is not imls or key not in LIMITS)]
+        if misplaced := next((key for key in names if key.casefold() in spellings), None):
+            raise ValueError(
+                f"{path}: {name}: {misplaced} must be the attribute {spellings[misplaced.casefold()]} of imls"
+            )
 
 
 def _limits(path: str | Path, name: str, imls: ET.Element) -> dict[str, float]:

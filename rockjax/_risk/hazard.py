@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from rockjax._checks import as_float, concrete, require
+from rockjax._checks import as_number, concrete, require
 from rockjax._parameters.registry import as_variable
 from rockjax._tree import Module
 from rockjax._units import INTENSITY_UNITS, in_si
@@ -37,8 +37,8 @@ class Hazard(Module):
     ascend, and for rates that increase.
     """
 
-    intensity: Float[Array, " n"] = eqx.field(converter=as_float)
-    annual_rate: Float[Array, " n"] = eqx.field(converter=as_float)
+    intensity: Float[Array, " n"] = eqx.field(converter=as_number("Hazard: intensity"))
+    annual_rate: Float[Array, " n"] = eqx.field(converter=as_number("Hazard: annual_rate"))
     measure: str = eqx.field(static=True, default="PGA", kw_only=True)
     units: str = eqx.field(static=True, default="m s-2", kw_only=True)
 
@@ -108,7 +108,7 @@ class Hazard(Module):
     def from_file(cls, path: str | Path, *, site: int | None = None) -> Self:
         """Read a hazard curve from a file, in SI units.
 
-        - `path`: a hazard-curve CSV of OpenQuake (`lon,lat,depth,poe-0.1,…`); or a CSV with two columns. One
+        - `path`: a hazard-curve CSV of OpenQuake (`lon,lat,depth,poe-0.1,…`); or a table of two columns. One
           column has the intensities, and its heading gives measure and unit (`PGA [g]`, `Sa(1 s), %g`). The
           other column states how often each intensity is exceeded. Its heading is `annual_rate`,
           `return period [years]`, or a probability of exceedance with its investigation time, such as
@@ -122,7 +122,11 @@ class Hazard(Module):
         """
         from .files import read_hazard
 
-        return cls(**read_hazard(path, site))
+        arguments = read_hazard(path, site)
+        try:
+            return cls(**arguments)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
 
     def dataset(self) -> xarray.Dataset:
         """Return the points as a dataset."""

@@ -58,7 +58,9 @@ def decode(path: str | Path, content: bytes, *, utf8_only: bool = False) -> str:
         text = content.decode("cp1252", errors="replace")
     if control := _CONTROL.search(text):
         line = text.count("\n", 0, control.start()) + 1
-        cure = "; if it is UTF-16, save it as UTF-8" if control[0] == "\0" else ""
+        cure = "; if it is UTF-16, save it as UTF-8" if text.count("\0") > len(text) / 4 else ""
+        if content.startswith((b"\x1f\x8b", b"PK\x03\x04")):  # marks of gzip and zip
+            cure = "; it is packed: unpack it, or save a spreadsheet as CSV"
         raise ValueError(
             f"{path}:{line}: the file is not text: character 0x{ord(control[0]):02x} at offset "
             f"{control.start()}{cure}"

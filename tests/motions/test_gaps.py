@@ -45,6 +45,24 @@ def test_a_table_of_records_with_a_gap_is_refused():
         rj.Records(np.ma.masked_array([WAVE, WAVE], [HOLE, HOLE]), *rest)  # pyright: ignore[reportArgumentType]
 
 
+@pytest.mark.parametrize("make", [rj.Motion, rj.Record])
+def test_lists_of_masked_arrays_and_values_that_are_no_numbers_are_refused(make):
+    masked = np.ma.masked_array(np.where(HOLE, 999999, COUNTS), HOLE)
+    for samples in ([masked, masked], [[1.0, None, 2.0]], (COUNTS, masked)):
+        with pytest.raises(ValueError, match="has a gap: no number at sample"):
+            make(samples, 0.01)
+    for samples in (WAVE + 1j, np.arange(400).astype("datetime64[D]"), WAVE.astype(str)):
+        with pytest.raises(ValueError, match="acceleration must be a number or an array of numbers"):
+            make(samples, 0.01)
+
+
+@pytest.mark.parametrize("value", [-12345, 65535, 8388608])
+def test_the_longest_run_of_a_sentinel_is_named(value):
+    samples = np.where(HOLE | (np.arange(400) == 7), value, COUNTS)
+    with pytest.raises(ValueError, match=rf"has a gap: {value}, .* at samples 150 to 179 of 400"):
+        rj.Motion(samples, 0.01)
+
+
 def test_samples_that_only_look_like_sentinels_are_taken():
     slow = np.round(999 * np.sin(np.arange(4000) / 2000 * np.pi))  # stays at its peak for many samples
     peak = np.where(np.arange(400) == 7, 999.0, 900 * WAVE)
@@ -101,7 +119,7 @@ def test_damaged_miniseed_is_reported(tmp_path):
         rj.read_motion(tmp_path / "a.mseed", units="m/s2")
     (tmp_path / "a.mseed").write_bytes(content[:300])
     with pytest.raises(
-        ValueError, match=r"a\.mseed: ObsPy cannot read the file: it has another format, or is cut"
+        ValueError, match=r"a\.mseed: ObsPy cannot read the file: it is damaged, cut short or has"
     ):
         rj.read_motion(tmp_path / "a.mseed", units="m/s2")
 

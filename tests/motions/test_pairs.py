@@ -83,13 +83,16 @@ def test_selected_and_scaled_pairs_become_complete_tables():
         ("BHN00", "BHE00", "BHZ00"), ("H1", "H2", "UP-DOWN"), ("000", "090", "Vertical"),
         ("EW1", "NS1", "UD1"),
         ("00.HNN", "00.HNE", "00.HNZ"), ("X", "Y", "Z"), ("Long", "Tran", "Dn"), ("L", "T", "V"),
+        ("CHAN 1: 360", "CHAN 2: 090", "CHAN 3: VERT"), ("Acc NS", "Acc EW", "Acc UD"),
+        ("1 (N)", "2 (E)", "3 (UP)"),
+        ("AZ 000", "AZ 090", "Vertikal"), ("A.HNN", "A.HNE", "A.DWN"),
     ],
 )  # fmt: skip
 def test_vertical_components_under_the_names_of_networks(names):
     motions = [named(name, k, station="A", component=name) for k, name in enumerate(names)]
     pairs = rj.Motions(tuple(motions)).paired()
     assert pairs.names == list(names[:2])
-    sign = -1 if names[2] == "Dn" else 1
+    sign = -1 if names[2] in ("Dn", "A.DWN") else 1
     for pair in pairs:
         assert pair.vertical is not None
         np.testing.assert_array_equal(pair.vertical.acceleration, sign * motions[2].acceleration)

@@ -1,5 +1,6 @@
 """Ground motions from files: valid files are read, and invalid ones raise an error of one clear line."""
 
+import gzip
 import sys
 import tomllib
 import warnings
@@ -359,6 +360,27 @@ def test_smc(tmp_path):
     assert motion.metadata["station"] == "APEEL Array #2 - Redwood City"
     assert (motion.metadata["component"], motion.metadata["date"]) == ("up", "1989/10/18")
     assert motion.metadata["event"] == "Loma Prieta, CA"
+
+
+def test_columns_whose_blanks_an_editor_removed(tmp_path):
+    text = "\n".join(line.strip().replace("   ", "\t") for line in smc(GALS).splitlines())
+    motion = rj.read_motion(write_file(tmp_path, text, "a.smc"))
+    np.testing.assert_allclose(motion.acceleration, 0.01 * GALS, atol=1e-5)
+
+
+@pytest.mark.filterwarnings("ignore::rockjax.RecordWarning")
+def test_the_unit_of_the_interval_in_at2_files(tmp_path):
+    for step in ("5 MSEC", "5.0 ms", ".0050 SEC", ".005 s", "5E-3 seconds", ".0050"):
+        path = write_file(tmp_path, AT2.replace(".0050 SEC", step), "a.AT2")
+        assert rj.read_motion(path).dt == pytest.approx(0.005, rel=1e-12)
+    with pytest.raises(ValueError, match=r"a\.AT2:4: '0,005' is not a number; write the decimal comma"):
+        rj.read_motion(write_file(tmp_path, AT2.replace(".0050 SEC", "0,005 SEC"), "a.AT2"))
+
+
+def test_packed_files_are_named(tmp_path):
+    for content in (gzip.compress(AT2.encode()), b"PK\x03\x04\x14\0\x06\0"):
+        with pytest.raises(ValueError, match=r"a\.csv:1: the file is not text: .*; it is packed: unpack it"):
+            rj.read_motion(write_file(tmp_path, content, "a.csv"))
 
 
 def test_geonet(tmp_path):
@@ -898,6 +920,7 @@ def test_the_format_of_peer_under_another_suffix(tmp_path):
     [
         ("a.AT2", AT2.replace("PEER", "RAW DATA, PEER")),
         ("HI.ARS1..HNE.D.20190728.160908.U.ACC.ASC", esm(GALS)),
+        ("IT.AMT..HNE.D.EMSC-20160824_0000006.ACC.CV.ASC", esm(GALS)),
         ("a.asc", esm(GALS, BASELINE_CORRECTION="BASELINE NOT REMOVED")),
         ("a.asc", esm(GALS, PROCESSING="none")),
         ("a.asc", esm(GALS, DATA_TYPE="UNPROCESSED ACCELERATION")),

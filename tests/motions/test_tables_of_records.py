@@ -50,6 +50,7 @@ def test_units_of_both_columns(tmp_path, heading, separator, factor, step, dt):
             "time [s],Acc (cm/s2)",
             [":1: the heading 'Acc (cm/s2)' gives the unit as cm/s2", "units = g was given"],
         ),
+        ("time (s),Acc (gal) corrected", ["'Acc (gal) corrected' gives the unit as gal", "units = g"]),
         ("time (s),Acc, m/s/s", ["'Acc, m/s/s' gives the unit as m/s2", "units = g"]),
         ("time (s);Acc, m/s/s", ["'Acc, m/s/s' gives the unit as m/s2", "units = g"]),
         ("time_s,acc_m_s2", ["'acc_m_s2' gives the unit as m/s2", "units = g"]),
@@ -149,6 +150,20 @@ def test_gaps_and_repeated_rows_in_long_records(tmp_path, rows, is_repeated, dt,
         rj.read_motion(path)
 
 
+def test_times_whose_last_digits_are_cut_off(tmp_path):
+    times = [f"{int(k / 300 * 1e4 + 1e-9) / 1e4:.4f}" for k in STEPS]
+    assert rj.read_motion(table(tmp_path, None, times, WAVE), units="g").dt == pytest.approx(1 / 300)
+
+
+def test_quoted_decimal_commas(tmp_path):
+    rows = [f'"{k / 100:.2f}";"{y:.6f}"\n' for k, y in zip(STEPS, WAVE, strict=True)]
+    path = tmp_path / "a.csv"
+    path.write_text('"time [s]","acc [g]"\n' + "".join(rows).replace(".", ",").replace(";", ","))
+    motion = rj.read_motion(path)
+    np.testing.assert_allclose(motion.acceleration, G * WAVE, atol=1e-5)
+    assert motion.dt == pytest.approx(0.01, rel=1e-12)
+
+
 @pytest.mark.parametrize("separator", [";", "\t", " ", " ; "])
 def test_decimal_commas(tmp_path, separator):
     path = table(tmp_path, f"Zeit{separator}Beschl", 0.01 * STEPS, WAVE, separator=separator, decimal=",")
@@ -162,6 +177,8 @@ def test_decimal_commas(tmp_path, separator):
     [
         ("Zeit;Beschl\n0,00;0.1\n0,01;0.2\n", [":2:", "both commas and points", "decimal points"]),
         ("Zeit;Beschl\n0,00;1.234,5\n0,01;0,2\n", [":2:", "both commas and points", "thousands"]),
+        ("time [s],acc [g]\n0,00,0,10\n0,01,0,12\n", [":1:", "does not name 4 columns", "not commas"]),
+        ("0.0,1\n0.0,2\n0.1,3\n0.1,4\n", [":2:", "write them with more digits, or resample"]),
         ("0,10\n0,12\n0,11\n", [":2:", "if the commas are decimal"]),
         (
             "Beschl\n0,10\n0,12\n0,11\n",

@@ -271,6 +271,7 @@ SITE_RATES, SITE_LEVELS = np.array([0.035, 0.012, 0.0034, 7.5e-4]), np.array([0.
         ("PGA (m/s²),annual frequency of exceedance", 9.80665, SITE_RATES),
         ("PGA,rate\n[g],[1/year]", 1, SITE_RATES),
         ("# PGA [g],λ", 1, SITE_RATES),
+        ("Hazard at the site\nPGA [g],AEP", 1, -np.expm1(-SITE_RATES)),
     ],
 )
 def test_headings_determine_the_columns_of_hazard_tables(tmp_path, heading, unit, exceeded):
@@ -310,6 +311,8 @@ def test_columns_of_hazard_tables_come_in_any_order_beside_an_index(tmp_path):
         ("PGA [g],exceedance", "how often it is exceeded, .*; got 'PGA \\[g\\]', 'exceedance'"),
         ("PGA,annual_rate", "measure with its unit, .*; got 'PGA', 'annual_rate'"),
         ("PGA [cm/s],annual_rate", r"'PGA \[cm/s\]': cm/s is not a unit of acceleration"),
+        ("PGA [g],probability of non-exceedance in 50 years", "non-exceedance in 50 years': the column must"),
+        ("PGA [g],log10 annual rate", "'log10 annual rate': the column must have rates"),
         ("PGA [g],return period [s]", r"'return period \[s\]': s is not a unit of return period"),
     ],
 )
@@ -318,6 +321,19 @@ def test_headings_of_hazard_tables_that_are_not_understood_are_quoted(tmp_path, 
     path.write_text(heading + "\n0.1,0.4\n0.5,0.1\n")
     with pytest.raises(ValueError, match=words):
         rj.Hazard.from_file(path)
+
+
+@pytest.mark.parametrize(
+    "heading", ["PGA [g] annual_rate", "# PGA [g]   annual rate", "PGA   rate\n[g]  [1/yr]"]
+)
+def test_hazard_tables_with_blanks_and_with_descending_rows(tmp_path, heading):
+    path = tmp_path / "site.txt"
+    rows = [f"{x!r}   {y!r}\n" for x, y in zip(SITE_LEVELS.tolist(), SITE_RATES.tolist(), strict=True)]
+    for lines in (rows, rows[::-1]):
+        path.write_text("\n".join([heading, *lines]))
+        found = rj.Hazard.from_file(path)
+        np.testing.assert_allclose(found.intensity, SITE_LEVELS * 9.80665, rtol=1e-13)
+        np.testing.assert_allclose(found.annual_rate, SITE_RATES, rtol=1e-13)
 
 
 def test_values_of_hazard_tables_that_make_no_sense_are_refused(tmp_path):
@@ -329,6 +345,7 @@ def test_values_of_hazard_tables_that_make_no_sense_are_refused(tmp_path):
         ("PGA [g],annual_rate\n0.1,1e-2\n0.5\n", ":3: expected a number in column 2, got ''"),
         ("PGA [cm/s2],annual_rate\n12,5,0,01\n20,5,0,001\n", ":2: the line has more numbers than the 2 head"),
         ("PGA [g],annual_rate\n0.1,1e-2\n0.5,1e-3,7\n0.6,1e-4\n", ":3: the line has more numbers"),
+        ("PGA [g],annual_rate\n0.1,1e-3\n0.5,1e-2\n", r"site\.csv: Hazard: annual_rate must not increase"),
     ):
         path.write_text(text)
         with pytest.raises(ValueError, match=words):
@@ -506,12 +523,32 @@ def test_limits_do_not_come_from_the_range_of_a_picture(tmp_path):
         ('minIML="5" maxIML="5"', "A: minIML 5 must be below maxIML 5"),
         ('noDamageLimit="6" maxIML="5"', "A: noDamageLimit 6 must be below maxIML 5"),
         ('imlUnit="m/s2"', "A: imlUnit must be 'g'.*got 'm/s2'"),
+        ('minIml="0.1"', "A: minIml must be the attribute minIML of imls"),
+        ('/><params ls="b" noDamageLimit="0.1"', "A: noDamageLimit must be the attribute noDamageLimit of"),
+        ("/><maxIML>2</maxIML><params", "A: maxIML must be the attribute maxIML of imls"),
     ],
 )
 def test_limits_that_make_no_sense_are_refused(tmp_path, attributes, words):
     path = tmp_path / "model.xml"
     path.write_text(MODEL % attributes)
     with pytest.raises(ValueError, match=words):
+        rj.read_fragility_model(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("PGA", "SA(0,3)"), r"must be PGA, PGV or SA\(T\), got 'SA\(0,3\)'"),
+        (("PGA", "SA(-1)"), "must be PGA, PGV or SA"),
+        (("<nrml", '<?xml version="1.0" encoding="EBCDIC-XX"?><nrml'), "not valid XML: unknown encoding"),
+        (("<nrml", '<?xml version="1.0" encoding="shift_jis"?><nrml'), "not valid XML: multi-byte"),
+        (("<nrml", "<!-- Straße -->\n<nrml"), ":1: the text is not UTF-8: byte 0xdf"),
+    ],
+)
+def test_models_of_unknown_encodings_and_measures_are_refused(tmp_path, change, words):
+    path = tmp_path / "model.xml"
+    path.write_bytes((MODEL % "").replace(*change).encode("latin-1"))
+    with pytest.raises(ValueError, match=rf"model\.xml.*{words}"):
         rj.read_fragility_model(path)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from .base import Component, Format, Samples, abbreviate, choose_channel, is_raw, parse_interval, parse_number
 
-_TITLE = "STRONG GROUND MOTION RECORDS OF TURKIYE"
+_TITLE = "STRONG GROUND MOTION RECORDS OF T"  # TURKIYE, TÜRKİYE or TURKEY
 _KEY = re.compile(r"([A-Z][A-Z ]*(?:\([A-Za-z]+\))?)\s*:\s*(.*?)\s*$")
 _COMPONENTS = ("N-S", "E-W", "U-D")
 _PEAK_TOLERANCE = 0.01  # largest difference between peak of the samples and peak in the header, as a fraction

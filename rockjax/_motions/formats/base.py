@@ -166,9 +166,9 @@ def _cause(word: str) -> str:
     )
 
 
-def abbreviate(word: str) -> str:
-    """Return a string in quotes, shortened to 40 characters."""
-    return repr(word if len(word) <= 40 else word[:37] + "...")
+def abbreviate(word: str, length: int = 40) -> str:
+    """Return a string in quotes, shortened to `length` characters."""
+    return repr(word if len(word) <= length else word[: length - 3] + "...")
 
 
 def parse_interval(path: Path, line: int, word: str, name: str) -> float:
@@ -245,6 +245,9 @@ def fixed_width(path: Path, lines: list[str], start: int, count: int, text: str)
         line = lines[i].rstrip()
         expected = min(per_line, count - len(values))
         row = [line[k : k + width].strip() for k in range(0, len(line), width)]
+        words = line.split()
+        if len(words) == expected and (len(row) != expected or None in map(_parse, row)):
+            row = words  # an editor has removed or replaced blanks
         if len(row) != expected:
             raise ValueError(
                 f"{path}:{i + 1}: the line must have {expected} columns of {width} characters, got {len(row)}"

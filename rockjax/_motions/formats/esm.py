@@ -22,7 +22,7 @@ from .base import (
 
 _BAND = re.compile(r"([\d.]+)\s+AND\s+([\d.]+)")
 _KEY = re.compile(r"([A-Z][A-Z0-9_/^]*(?: [A-Z0-9_/^]+)*):\s*(.*?)\s*$")  # older ITACA keys contain blanks
-_UNCORRECTED_NAME = re.compile(r"\.U\.ACC\.ASC$|\.UNP\.ACC$|\.CV\.ACC\.ASC$", re.I)
+_UNCORRECTED_NAME = re.compile(r"\.U\.ACC\.ASC$|\.UNP\.ACC$|\.ACC\.CV\.ASC$|_RawAcc_", re.I)
 _SEARCHED_LINES = 80  # number of lines that are searched for the sampling interval
 
 

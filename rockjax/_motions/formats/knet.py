@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from rockjax._checks import refuse_sentinels
+
 from .base import (
     Component,
     Format,
@@ -68,6 +70,7 @@ def _read_knet(path: Path, lines: list[str], component: Component) -> Samples:
     values = require_count(
         path, duration_line, "duration times frequency", count, read_numbers(path, lines, end)
     )
+    refuse_sentinels(str(path), values)
     with np.errstate(over="ignore"):
         values = values * np.divide(parse_number(path, factor_line, factor[1]), divisor)
     dt_statement = f"{path}:{line}: the sampling frequency is {frequency:g} Hz"

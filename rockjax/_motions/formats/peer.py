@@ -6,6 +6,8 @@ import re
 from pathlib import Path
 from typing import Any
 
+from rockjax._units import UNITS, unit_of
+
 from .base import (
     DATE,
     NUMBER,
@@ -21,8 +23,12 @@ from .base import (
     unit_key,
 )
 
-_AT2_COUNT = re.compile(r"NPTS\s*=?\s*(\d{1,9})(?!\d)", re.I), re.compile(rf"DT\s*=?\s*({NUMBER})", re.I)
-_AT2_PLAIN = re.compile(rf"^\s*(\d{{1,9}})\s+({NUMBER})\s+NPTS\s*,?\s*DT", re.I)
+_DT = rf"(?:\d*,(?=\d))?{NUMBER}"  # a decimal comma is matched, so that it is refused
+_AT2_COUNT = (
+    re.compile(r"NPTS\s*=?\s*(\d{1,9})(?!\d)", re.I),
+    re.compile(rf"DT\s*=?\s*({_DT})\s*([a-z]*)", re.I),
+)
+_AT2_PLAIN = re.compile(rf"^\s*(\d{{1,9}})\s+({_DT})\s+NPTS\s*,?\s*DT", re.I)
 _OTHER_QUANTITY = re.compile(
     r"(?!.*ACCEL).*\b(VELOCITY|DISPLACEMENT|SPECTR\w*)\b.*\b(?:UNITS|TIME\s+(?:SERIES|HISTORY))", re.I
 )
@@ -32,15 +38,15 @@ OWN_TITLE = "ROCKJAX GROUND MOTION"  # first line of the files that rockjax writ
 _AT2_UNITS = re.compile(r"UNITS\s+OF\s+(\S+)", re.I)
 
 
-def _count_and_step(line: str) -> tuple[str, str] | None:
-    """Return the values of NPTS and DT in a line, as text. Return None for a comment, and for a line that
-    does not contain both."""
+def _count_and_step(line: str) -> tuple[str, str, str] | None:
+    """Return the values of NPTS and DT in a line, and the word after DT, as text. Return None for a comment,
+    and for a line that does not contain both."""
     if line.lstrip()[:1] in tuple("#%!"):
         return None
     if plain := _AT2_PLAIN.match(line):
-        return plain[1], plain[2]
+        return plain[1], plain[2], ""
     count, step = (pattern.search(line) for pattern in _AT2_COUNT)
-    return (count[1], step[1]) if count and step else None
+    return (count[1], step[1], step[2]) if count and step else None
 
 
 def _is_peer(path: Path, lines: list[str]) -> bool:
@@ -58,7 +64,7 @@ def _read_at2(path: Path, lines: list[str]) -> Samples:
             f"{path}: an .AT2 file needs a line with NPTS and DT among its first {_SEARCHED_LINES}; this one "
             "has none"
         )
-    k, (count, step) = matches[0]
+    k, (count, step, word) = matches[0]
     # In a file that rockjax has written, the second line contains names chosen by the user. These may contain
     # words such as "velocity" or "raw", so this line is not searched for statements.
     is_own = lines[0] == OWN_TITLE
@@ -71,7 +77,8 @@ def _read_at2(path: Path, lines: list[str]) -> Samples:
             )
     if content := _SUFFIXES.get(path.suffix.lower()):
         raise ValueError(f"{path}: the suffix means {content}, not acceleration")
-    dt = parse_interval(path, k + 1, step, "DT")
+    time_unit = UNITS.get(unit_of(word) or "", UNITS["s"])
+    dt = parse_interval(path, k + 1, step, "DT") * (time_unit.factor if time_unit.dimension == "time" else 1)
     units = (_AT2_UNITS.search(line) for _, line in statements)
     stated_unit = next((match[1].strip(".,") for match in units if match), None)
     metadata: dict[str, Any] = {"format": "PEER"}

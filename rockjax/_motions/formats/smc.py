@@ -23,7 +23,7 @@ def _read_smc(path: Path, lines: list[str], component: Component) -> Samples:
     """Read SMC: 11 lines of text, 48 integers, 50 real numbers, lines of comments, and samples [cm/s²] in 8
     columns."""
     title = _TITLES.match(lines[0])
-    if title is None or title[1] != "2":
+    if title is None or title[1] != "2" or title[2].startswith("UN"):
         content = title[2].strip().lower() if title else "?"
         description = f"{abbreviate(content)}{', raw data' if title and title[1] == '1' else ''}"
         raise ValueError(

@@ -78,7 +78,7 @@ def _split_cells(text: str) -> list[str]:
     elif "," not in text or (len(words) > 1 and has_decimal_commas):
         cells = words
     else:
-        cells = text.split(",")
+        cells = next(csv.reader([text]))
     return [cell.strip().strip('"') for cell in cells]
 
 
@@ -91,7 +91,7 @@ def _is_heading(cells: list[str]) -> bool:
     return _NUMBER_LIKE.match(cells[0]) is None
 
 
-def _split_headings(text: str, count: int) -> list[str] | None:
+def split_headings(text: str, count: int) -> list[str] | None:
     """Split a line of headings into `count` cells; None if no separator gives this number of cells."""
     text = text.strip().lstrip("#%!").strip()
     if count == 1:
@@ -105,7 +105,8 @@ def _split_headings(text: str, count: int) -> list[str] | None:
             joined.append(token)
     comma_separated = next(csv.reader([text]), [])
     space_separated = re.split(r"\s{2,}", text)
-    for cells in (text.split(";"), text.split("\t"), comma_separated, space_separated, joined, tokens):
+    units = tokens if all(token[0] in "[(" for token in tokens) else joined
+    for cells in (text.split(";"), text.split("\t"), comma_separated, space_separated, joined, units):
         cells = [cell.strip() for cell in cells]
         if len(cells) == count + 1 and not cells[-1]:
             cells.pop()
@@ -122,7 +123,7 @@ def _parse_headings(path: Path, lines: list[tuple[int, str]], count: int) -> lis
     and a line of units."""
     names = [""] * count
     for i, text in lines:
-        cells = _split_headings(text, count)
+        cells = split_headings(text, count)
         if cells is None or len(lines) > _MAX_HEADINGS:
             raise ValueError(
                 f"{path}:{i}: the heading {abbreviate(text.strip())} does not name {count} columns; give "
@@ -140,7 +141,7 @@ def _parse_headings(path: Path, lines: list[tuple[int, str]], count: int) -> lis
 def _headings_of_comment(path: Path, text: str, line: int, count: int) -> list[Heading] | None:
     """Return the headings in a comment, or None if it contains none. `numpy.savetxt` writes headings in the
     last comment above the numbers."""
-    cells = _split_headings(text, count)
+    cells = split_headings(text, count)
     if cells is None or len(text.split()) > 4 * count:
         return None
     try:
@@ -343,7 +344,7 @@ def _interval(path: Path, table: _Table, factor: float, column: int) -> float | 
         is_even = deviations.max() < (1 - 1e-6) * digit and np.ptp(values - step * indices) < 1.2 * digit
     else:
         is_even = step > 0 and deviations.max() <= max(
-            TIME_TOLERANCE * step, min(digit, _MAX_ROUNDING * step)
+            TIME_TOLERANCE * step, min(1.001 * digit, _MAX_ROUNDING * step)
         )
     if not is_even:
         median_step = float(np.median(steps))
@@ -354,11 +355,12 @@ def _interval(path: Path, table: _Table, factor: float, column: int) -> float | 
         missing = (values[k] - values[k - 1]) / median_step - 1 if median_step > 0 else 0.0
         is_gap = missing > 0.5 and abs(missing - round(missing)) < 0.1 and count > 3
         is_integer = table.rows[:, 0] == np.round(table.rows[:, 0])
+        cure = "write them with more digits, or " if digit > _MAX_ROUNDING * step > 0 else ""
         has_decimal_commas = is_integer.all() and table.rows.shape[1] == 2 and not step > 0
         raise ValueError(
             f"{location}: times must rise in equal steps, got {factor * values[k - 1]:.9g} s and then "
             f"{factor * values[k]:.9g} s, but the mean step is {factor * step:.6g} s; "
-            + (f"{round(missing)} samples are missing (a gap)" if is_gap else "resample the record")
+            + (f"{round(missing)} samples are missing (a gap)" if is_gap else f"{cure}resample the record")
             + ("; or write decimal points if the commas are decimal" if has_decimal_commas else "")
         )
     return factor * (

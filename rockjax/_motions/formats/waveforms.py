@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .base import Component, Samples, choose_channel, first_line
+from .base import Component, Samples, abbreviate, choose_channel, first_line
 
 # Categories of warnings that concern the code of ObsPy, and not the data.
 _CODE_WARNINGS = (
@@ -44,8 +44,10 @@ def read(path: Path, content: bytes, component: Component) -> Samples:
     except Exception as error:  # plug-ins may raise anything
         # If ObsPy does not recognise the format, its message quotes the stream.
         is_unrecognised = "BytesIO" in str(error)
-        cause = "it has another format, or is cut short" if is_unrecognised else first_line(error)
-        raise ValueError(f"{path}: ObsPy cannot read the file: {cause}") from None
+        cause = "" if is_unrecognised else f" ({abbreviate(' '.join(str(error).split()), 120)})"
+        raise ValueError(
+            f"{path}: ObsPy cannot read the file: it is damaged, cut short or has another format{cause}"
+        ) from None
     if not traces:
         raise ValueError(f"{path}: the file contains no trace")
     segments: dict[str, list[Any]] = {}  # traces of each channel
@@ -72,6 +74,8 @@ def read(path: Path, content: bytes, component: Component) -> Samples:
     dt = float(trace.stats.delta)
     if file_format == "SAC":
         dt = float(str(np.float32(dt)))  # the interval is float32 in SAC: 0.01, not 0.0099999998
+    if not dt > 0:
+        raise ValueError(f"{path}: the sampling interval must be > 0 s, got {dt:g}")
     dt_statement = f"{path}: the sampling interval is {dt:g} s"
     raw_location = "whole numbers" if is_counts else ""
     return Samples(values, dt, None, metadata, None, dt_statement, raw_location=raw_location)
