@@ -73,9 +73,9 @@ def report(
     from rockjax._report.report import report as make_report
 
     if xlsx is not None:
-        from rockjax._report._formats.xlsx import require_library
+        from rockjax._report._formats.xlsx import check_path
 
-        require_library()
+        check_path(xlsx)
     skipped = tuple(name.strip() for name in skip.split(",") if name.strip())
     problem = problem_of(request.tables, request.path)
     for path in (csv and csv / "summary.csv", xlsx):

@@ -26,6 +26,7 @@ from .kinds.base import Kind, Statistic, Values, statistic_of
 from .kinds.outside import ByOthers
 from .problem import Problem
 from .reading import read_problem
+from .scales import UnfinishedScenesError
 from .scenes import Needs, NoProgress, Scenes
 from .store import Store
 from .tables import Quantity, Text, joined, plain
@@ -155,7 +156,7 @@ def _reason_not_made(entry: Entry, problem: Problem, skip: tuple[str, ...]) -> s
 
 def _evaluate(entry: Entry, scenes: Scenes, skip: tuple[str, ...]) -> Check:
     """Return the check of an entry. If the evaluation raises an error, the result is NOT MADE, with the error
-    as the reason."""
+    as the reason, or UNDECIDED if the value is unknown because scenes did not finish."""
     kind, reason = KINDS[entry.kind], _reason_not_made(entry, scenes.problem, skip)
     if isinstance(kind, ByOthers):
         return Check(entry, kind, "BY OTHERS", reason)
@@ -163,6 +164,8 @@ def _evaluate(entry: Entry, scenes: Scenes, skip: tuple[str, ...]) -> Check:
         return Check(entry, kind, "NOT MADE", reason)
     try:
         return _compute(entry, kind, scenes)
+    except UnfinishedScenesError as error:
+        return Check(entry, kind, "UNDECIDED", str(error))
     except Exception as error:
         return Check(entry, kind, "NOT MADE", describe_error(error))
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 STRESSES = 0.01e6, 50e6  # usual range of the mean compressive stress of columns [Pa]
 PERIODS = 0.05, 10.0  # usual range of the first period of a building [s]
 LARGEST_DRIFT = 0.1  # largest usual limit of (drift / storey height) [–]
+LARGEST_DAMPING = 0.3  # largest usual damping ratio of a building [–]
 LEAST_U = 0.01  # least usual utilisation [–]
 FEW_MOTIONS = 7  # usual minimum number of motions for a mean
 
@@ -55,6 +56,13 @@ def warnings_of(evaluation: Evaluation) -> Iterator[Text]:
                 *("The first period of the building is ", Quantity(period, "time"), "; "),
                 *_range(PERIODS, "time", " are usual."),
             )
+        damping = float(np.max(np.asarray(oscillators.zeta)))
+        if damping > LARGEST_DAMPING:
+            usual = Quantity(LARGEST_DAMPING, "number", is_input=True)
+            yield (
+                *("The largest damping ratio of the building is ", Quantity(damping, "number"), "; at most "),
+                *(usual, " is usual. Is it in percent?"),
+            )
     heights = problem.story_heights
     for check in evaluation.checks:
         if (
@@ -70,4 +78,5 @@ def warnings_of(evaluation: Evaluation) -> Iterator[Text]:
             yield f"The utilisation of {check.id} is below ", least, "; is the unit of its limit right?"
         if check.statistic == "mean" and check.motions and len(problem.motions[check.motions]) < FEW_MOTIONS:
             count, usual = (Quantity(y, "count") for y in (len(problem.motions[check.motions]), FEW_MOTIONS))
-            yield f"{check.id} is a mean over ", count, " motions; at least ", usual, " are usual."
+            noun = "motion" if len(problem.motions[check.motions]) == 1 else "motions"
+            yield f"{check.id} is a mean over ", count, f" {noun}; at least ", usual, " are usual."

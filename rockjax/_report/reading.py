@@ -23,7 +23,7 @@ from rockjax._text.reading import read_text
 from .entry import BOUNDS, Entry
 from .kinds import KINDS, check_model
 from .problem import Input, MotionSet, Problem
-from .units import unit_of_kind
+from .units import Units, unit_of_kind
 
 
 def read_problem(path: str | Path) -> Problem:
@@ -64,6 +64,10 @@ def problem_of(table: Mapping[str, Any], path: Path) -> Problem:
     for name in file.report.motions:
         if name not in sets:
             reader.require_set(sets, name, f"report.motions.{name}")
+    try:
+        Units.parse(file.report.units or ())
+    except ValueError as error:
+        reader.fail("report.units", str(error).removeprefix("units: "))
     checks = tuple(read_checks(reader, table, file, podium))
     if not checks:
         reader.fail("checks", "is missing; a report needs [[checks]] or [[targets]]")
@@ -78,7 +82,7 @@ def problem_of(table: Mapping[str, Any], path: Path) -> Problem:
                 f"sources.{name}",
                 "is not a key of this file; give the path of a key, such as 'structure.width'",
             )
-    return Problem(
+    problem = Problem(
         path=path,
         text=read_text(path, utf8_only=True),
         sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
@@ -96,6 +100,12 @@ def problem_of(table: Mapping[str, Any], path: Path) -> Problem:
         structure=file.structure,
         given=file.model_fields_set,
     )
+    strip, width = problem.joints.contact_width, problem.column_size[0]
+    if strip is not None and strip > width:
+        reader.fail(
+            "joints.contact_width", f"must be at most the width of a column, {width:g} m, got {strip:g}"
+        )
+    return problem
 
 
 def _name(member: Any, number: int) -> str:

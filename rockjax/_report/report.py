@@ -69,8 +69,12 @@ class Report:
     def to_xlsx(self, path: str | Path) -> Path:
         """Write an XLSX file with a sheet for each table. Return its path.
 
-        Raises `ValueError`, with the command to install XlsxWriter, if XlsxWriter is missing.
+        Raises `ValueError` for another suffix than .xlsx and, with the command to install XlsxWriter, if
+        XlsxWriter is missing.
         """
+        from ._formats.xlsx import check_path
+
+        check_path(path)
         (content,) = self._encoded("xlsx").values()
         return write_atomically(path, _writer(content))
 

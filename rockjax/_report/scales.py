@@ -61,9 +61,9 @@ def least_factors(scenes: Scenes, name: str, event: str, law: str | None = None)
     `overturns_again_from`. Both variables are searched up to `window_end`: twice `factor`, or the last factor
     before a scene that did not finish. A variable that is not found is NaN. Narrow windows may be missed.
 
-    Raises `ValueError` for a motion without horizontal acceleration, and `RuntimeError` if the least uplift
-    factor is too small to be found or a scene without uplift does not finish. Both errors occur for "uplift"
-    only.
+    Raises `ValueError` for a motion without horizontal acceleration, `RuntimeError` if the least uplift
+    factor is too small to be found, and `UnfinishedScenesError` if a scene without uplift does not finish.
+    These errors occur for "uplift" only.
     """
     return scenes.store.get(*_stored_search(scenes, name, event, law))
 
@@ -151,11 +151,16 @@ def _estimate_uplift_factors(scenes: Scenes, motions: MotionSet) -> np.ndarray:
     )
 
 
+class UnfinishedScenesError(RuntimeError):
+    """Raised if a value is unknown because scenes did not finish."""
+
+
 def _check_finished(motions: MotionSet, codes: np.ndarray) -> None:
-    """Raise `RuntimeError` if a scene without uplift did not finish. `codes`: results of the scenes."""
+    """Raise `UnfinishedScenesError` if a scene without uplift did not finish. `codes`: results of the
+    scenes."""
     failures = results.explain_failures(codes)
     if failures:
-        raise RuntimeError(f"report: the uplift factors of {motions.name} are unknown: {failures}")
+        raise UnfinishedScenesError(f"the uplift factors of {motions.name} are unknown: {failures}")
 
 
 def _overturning(scenes: Scenes, motions: MotionSet, law: str | None) -> xarray.Dataset:

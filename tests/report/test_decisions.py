@@ -11,12 +11,20 @@ import pytest
 import xarray
 
 import rockjax as rj
-from rockjax._report.evaluate import _compute, _sensitivities, decide, statistic_of, utilisations_of
+from rockjax._report.evaluate import (
+    _compute,
+    _evaluate,
+    _sensitivities,
+    decide,
+    statistic_of,
+    utilisations_of,
+)
 from rockjax._report.evaluation import Check, Evaluation, verdict
 from rockjax._report.kinds import KINDS
 from rockjax._report.kinds.base import Values, worst_of
 from rockjax._report.kinds.risk import FailureKind
 from rockjax._report.plausibility import warnings_of
+from rockjax._report.scales import UnfinishedScenesError
 from rockjax._report.scenes import Scenes
 from rockjax._report.sections import structure, summary
 from rockjax._report.sections.common import governing_scene
@@ -269,8 +277,11 @@ def test_every_output_with_a_peak_has_a_kind_of_check():
     ("check", "message"),
     [
         ('kind = "peak-rotatoin"\nlimit = 1.0', "did you mean peak-rotation"),
-        ('kind = "peak-rotation"', r"exactly one of limit and at_most, got 0"),
-        ('kind = "peak-rotation"\nlimit = 1.0\nat_most = 1.0', "exactly one of limit and at_most, got 2"),
+        ('kind = "peak-rotation"', r"exactly one of limit and at_most, got neither"),
+        (
+            'kind = "peak-rotation"\nlimit = 1.0\nat_most = 1.0',
+            "exactly one of limit and at_most, got limit and at_most",
+        ),
         ('kind = "peak-rotation"\nat_least = 1.0', "limit or at_most, got at_least"),
         ('kind = "peak-rotation"\nlimit = -1.0', "must be > 0"),
         ('kind = "displacement"\nlimit = 1.0\nunit = "kN"', r"is a displacement, got 'kN'; use"),
@@ -302,6 +313,23 @@ def test_wrong_files(tmp_path):
         problem(tmp_path, CHECK, FILE.replace("motions.pulses", "motions.nan"))
     with pytest.raises(ValueError, match="is not a key of this file"):
         problem(tmp_path, CHECK, '[sources]\n"structure.widht" = "drawing"\n' + FILE)
+    with pytest.raises(ValueError, match=r"sources.structure: must be a text .*needs quotes"):
+        problem(tmp_path, CHECK, '[sources]\nstructure.width = "drawing"\n' + FILE)
+    with pytest.raises(ValueError, match=r"report.units: 'kn' is not a known unit; did you mean 'kN'"):
+        problem(tmp_path, CHECK, '[report]\nunits = ["kn"]\n' + FILE)
+    with pytest.raises(ValueError, match=r"joints.contact_width: must be at most the width .*, 0.6 m, got 1"):
+        problem(tmp_path, CHECK, FILE.replace("[joints]", "[joints]\ncontact_width = 1.0"))
+
+
+def test_unfinished_scenes_of_a_search_for_uplift_are_undecided(tmp_path, monkeypatch):
+    def fail(*_):
+        raise UnfinishedScenesError("1 of 2 scenes did not finish")
+
+    monkeypatch.setattr("rockjax._report.kinds.searches.least_factors", fail)
+    found = problem(tmp_path, CHECK.replace("peak-rotation", "uplift-scale"))
+    check = _evaluate(found.checks[0], SimpleNamespace(problem=found), ())
+    assert (check.result, check.reason) == ("UNDECIDED", "1 of 2 scenes did not finish")
+    assert summary._row(check, SimpleNamespace(problem=found)).value.state == "unanswered"
 
 
 def test_values_by_key_units_and_targets(tmp_path):

@@ -15,5 +15,7 @@ def test_a_limit_is_optional_and_kept(name):
     assert kind.has_limit
     assert math.isnan(limit())
     assert limit(limit=0.5) == 0.5
-    with pytest.raises(ValueError, match=f"{name} needs exactly one of limit and at_most, got 2"):
+    with pytest.raises(
+        ValueError, match=f"{name} needs exactly one of limit and at_most, got limit and at_most"
+    ):
         limit(limit=1.0, at_most=2.0)

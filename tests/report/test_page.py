@@ -16,6 +16,7 @@ import pytest
 
 from rockjax._report import blocks, formulas, markup
 from rockjax._report._formats import FORMATS
+from rockjax._report._formats.xlsx import check_path
 from rockjax._report.page import css_string
 from rockjax._report.tables import Quantity, Table, format_number, plain
 from rockjax._report.units import KINDS, Units, si_unit
@@ -152,6 +153,12 @@ def test_without_xlsxwriter_the_message_names_the_command(monkeypatch):
     with pytest.raises(ValueError, match=r"XLSX files need XlsxWriter.*pip install XlsxWriter"):
         FORMATS["xlsx"](sample.page(), UNITS)
     assert FORMATS["csv"](sample.page(), UNITS)
+
+
+def test_a_workbook_has_the_suffix_xlsx():
+    check_path("report.xlsx")
+    with pytest.raises(ValueError, match=r"must be a .xlsx file, got report.csv"):
+        check_path("folder/report.csv")
 
 
 def test_the_same_page_gives_the_same_bytes():

@@ -315,10 +315,11 @@ def test_numbers_in_the_usual_range_are_not_warned_of(eight_storeys):
         ({"column_mass": 4.725e5}, "The mean stress of the columns is 2.447·10⁸ Pa"),
         ({"story_stiffnesses": [1e13] * 8}, "The first period of the building is"),
         ({"story_stiffnesses": [1e5] * 8}, "The first period of the building is"),
+        ({"damping": 5.0}, "The largest damping ratio of the building is 5.000; at most 0.3"),
     ],
 )
 def test_implausible_structures(eight_storeys, changes, message):
-    """Masses in tonnes, and stiffnesses in other units than N/m."""
+    """Masses in tonnes, stiffnesses in other units than N/m, and damping in percent."""
     structure = eight_storeys.structure.model_copy(update=changes)
     if "column_mass" in changes:
         texts = warned(eight_storeys, structure=structure)

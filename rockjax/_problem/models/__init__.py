@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic import Field
 
-from .fields import ACCURACY, STRUCTURE, Count, Index, Keys, Name, Positive, Text, key
+from .fields import ACCURACY, STRUCTURE, Count, Index, Keys, Name, Positive, Source, key
 from .fields import GRID as GRID
 from .fields import MACHINES as MACHINES
 from .fields import MOTION as MOTION
@@ -20,6 +20,7 @@ from .fields import Bounds as Bounds
 from .fields import Flag as Flag
 from .fields import Periods as Periods
 from .fields import PulseName as PulseName
+from .fields import Text as Text
 from .fields import described_as as described_as
 from .fields import require_one as require_one
 from .grids import Ensemble, Sweep
@@ -65,7 +66,7 @@ class Problem(Keys):
     project: Project = Field(default_factory=Project)
     joints: JointKeys = Field(default_factory=JointKeys)
     report: ReportKeys = Field(default_factory=ReportKeys)
-    sources: dict[str, Text] = key({}, "Where inputs come from: key of this file → source, for the report.")
+    sources: dict[str, Source] = key({}, "Where inputs come from: key of this file → source, for the report.")
     checks: Any = key(None, "Checks of the report.")
     # Keys of `rockjax design`. The package `optimise` has models that check their contents.
     starts: Count | None = key(None, "Number of starting points; by default 1.", ACCURACY)

@@ -112,6 +112,9 @@ NO_VALUE = re.compile(r"[\s\-–—−.…]*|None|[-+−]?\s*(?i:nan|inf|infinit
 _TEXT = "a text other than a blank, a dash, nan, inf or None"
 Name = Annotated[str, satisfying(lambda y: not NO_VALUE.fullmatch(y)), described_as(_TEXT)]
 Text = Annotated[str, satisfying(lambda y: not y or not NO_VALUE.fullmatch(y)), described_as(_TEXT)]
+Source = Annotated[
+    Text, described_as(f'{_TEXT}; a path before it needs quotes, as in "structure.width" = "drawing 1"')
+]
 if TYPE_CHECKING:
     PulseName = str
 else:

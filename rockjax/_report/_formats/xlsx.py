@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import io
 import re
+from pathlib import Path
 from typing import Any
 
 from rockjax._report.blocks import Page
@@ -28,6 +29,13 @@ def require_library() -> Any:
             "XLSX files need XlsxWriter, which is missing; run `pip install XlsxWriter`"
         ) from None
     return xlsxwriter
+
+
+def check_path(path: str | Path) -> None:
+    """Raise `ValueError` if XlsxWriter is missing, or if the suffix of a path is not .xlsx."""
+    require_library()
+    if Path(path).suffix.lower() != ".xlsx":
+        raise ValueError(f"report: the workbook must be a .xlsx file, got {Path(path).name}")
 
 
 def encode(page: Page, units: Units) -> dict[str, bytes]:

@@ -248,7 +248,9 @@ class Kind(abc.ABC):
                 raise ValueError(f"{self.name} has no limit; leave out {next(iter(given))}")
             return 1.0
         if len(given) != 1:
-            raise ValueError(f"{self.name} needs exactly one of limit and {bound}, got {len(given)}")
+            raise ValueError(
+                f"{self.name} needs exactly one of limit and {bound}, got {' and '.join(given) or 'neither'}"
+            )
         ((name, value),) = given.items()
         if name not in ("limit", bound):
             raise ValueError(f"{self.name} takes limit or {bound}, got {name}")

@@ -43,7 +43,7 @@ def _row(check: Check, evaluation: Evaluation) -> SummaryRow:
         quantity = Quantity(check.limit, check.entry.quantity, is_input=True)
         limit = Limit(comparison, quantity, check.entry.keys.unit or si_unit(check.entry.quantity))
     if check.values is None:
-        state = "by others" if check.result == "BY OTHERS" else "not made"
+        state = {"BY OTHERS": "by others", "UNDECIDED": "unanswered"}.get(check.result, "not made")
         return SummaryRow(
             check.id,
             check.name,
