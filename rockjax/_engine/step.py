@@ -53,6 +53,9 @@ from .transitions import after_impact, jolt, past_breakpoint, restart, transitio
 # A step in full contact ends on a turning point of the demand q if |q| there exceeds this fraction of the
 # uplift threshold.
 NEAR_UPLIFT = 0.95
+# The columns come to rest at an impact if they fell for less than this multiple of
+# `Attempt.time_resolution`. The time of such an impact and its derivatives are rounding errors.
+SHORTEST_FALL = 10
 
 
 def step(
@@ -236,9 +239,9 @@ def _advance(
     at_impact = x, v
     speed = jnp.abs(v[0])
     skipped = skipped_bounces(scene, plan, state, (stamp, piece, ground), hit, speed, replayed)
-    x, v, mode = transition(
-        scene, sigma, x, v, ground, hit, lifted, guard.end_value, false_uplift, skipped.to_rest
-    )
+    shortest_fall = SHORTEST_FALL * trial.time_resolution
+    to_rest = skipped.to_rest | (speed < shortest_fall * jnp.abs(trial.a0[0]))
+    x, v, mode = transition(scene, sigma, x, v, ground, hit, lifted, guard.end_value, false_uplift, to_rest)
     ground_jump = _ground_jump(scene, state, (piece != state.piece) & ~toppled, mode, x, v, ground)
     if ground_jump is not None:
         v, mode = ground_jump.v, ground_jump.sigma

@@ -116,3 +116,27 @@ def test_columns_thrown_up_by_a_jump_turn_within_their_first_step():
         found = rj.peak_response(PODIUM, record, options=options.replace(rtol=rtol))
         assert float(found.peak_rotation) == pytest.approx(float(expected.peak_rotation), rel=1e-6)
         assert float(found.peak_rotation_time) == pytest.approx(float(expected.peak_rotation_time), rel=1e-6)
+
+
+def test_derivatives_at_the_end_of_bounces_do_not_depend_on_the_tolerance():
+    """The shear is largest in the last bounces, just before the columns come to rest."""
+    tendon = rj.Tendon([13.2711, 11.6865, 1.4892, 1.0], 0.0)
+    damper = rj.Damper([0.0, 0.0, 0.0, 1.0], 0.7)  # takes smaller steps, also without strength
+    podium = rj.Podium(
+        [0.1499, 0.1946, 0.1635, 0.2],
+        [1.0261, 1.3974, 6.2721, 2.0],
+        0.5,
+        rj.Rigid(1.0),
+        restitution=[0.6731, 0.4038, 0.4367, 0.5],
+        restrainers=(tendon, damper),
+    )
+    pulses = rj.OneSine([12.2836, 14.5636, 3.2019, 1.0], [3.2714, 3.8308, 4.7201, 1.0])
+
+    def slopes(rtol):
+        options = rj.Options(rtol=rtol, atol=1e-2 * rtol, outputs=("peak_shear",))
+        peaks = rj.peak_responses(podium, pulses, options=options, sensitivities=("alpha",))
+        return peaks.sensitivities.peak_shear[:3]
+
+    expected = slopes(1e-10)
+    np.testing.assert_allclose(slopes(1e-9), expected, rtol=1e-6)
+    np.testing.assert_allclose(slopes(1e-13), expected, rtol=1e-6)
