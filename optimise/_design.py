@@ -14,6 +14,7 @@ import numpy as np
 
 import rockjax as rj
 from rockjax._progress import bar as bar_of
+from rockjax._responses.arguments import warn_of_small_restitution
 from rockjax.internal import format_value, require_instance, require_number, require_whole
 
 from ._answer import Design, Effort, SampleEstimates, SearchResult, build_design
@@ -142,6 +143,7 @@ def design(
     )
     if is_interrupted:
         raise rj.Interrupted(f"stopped after {effort.iterations} iterations", result)
+    warn_of_small_restitution(result.podium, stacklevel=3)
     return result
 
 

@@ -53,6 +53,9 @@ def test_a_podium_shows_its_superstructure_and_derived_values():
     assert rows["superstructure.eta"] == ["100", "Mass ratio of the superstructure η = m_t/(N m_c) [–]"]
     assert rows["width"] == ["0.45", "Full width of a column 2B [m]"]
     assert rows["p"] == [f"{float(podium.p):.6g}", "Frequency parameter p [rad/s]"]
+    standing = podium.replace(elevation=rj.Elevation([0.0, 6.0]))
+    rows = {row[0]: row[1:] for row in cells(standing._repr_html_())}
+    assert rows["elevation.columns"][1] == "Position of the column x [m]"
     bare = {row[0]: row[1] for row in cells(podium.replace(superstructure=None)._repr_html_())}
     assert bare["superstructure"] == "None"
     assert "superstructure.eta" not in bare

@@ -112,9 +112,8 @@ def _friction_demand(data: xarray.Dataset) -> np.ndarray:
     """Return the largest friction demand of each scene in motion and, if `data` has it, at impacts,
     (scenes,)."""
     demand = data["peak_friction"].values.max(axis=-1)
-    if "peak_impact_friction" in data:  # NaN without impacts
-        at_impacts = data["peak_impact_friction"].values.reshape(len(demand), -1)
-        demand = np.fmax(demand, np.fmax.reduce(at_impacts, axis=-1))
+    if "peak_impact_friction" in data:  # 0 without impacts
+        demand = np.maximum(demand, data["peak_impact_friction"].values.max(axis=-1))
     return demand
 
 

@@ -86,12 +86,12 @@ def _meaning(module: eqx.Module, name: str) -> str:
     """Return the heading of a field in the registry of parameters; "" if the field is not a parameter."""
     parts = "superstructure", f"restrainers.{type(module).__name__}", "elevation"
     paths = (name, *(f"{part}.{name}" for part in parts))
-    entries = (
-        registry.MOTION
-        if hasattr(module, "support")  # only motions have a support
-        else registry.STRUCTURE | registry.DIMENSIONS | registry.BUILDING
-    )
-    for entry in (*entries.values(), *registry.ROWS.values(), *registry.MULTI_MODE_SCALARS.values()):
+    entries = registry.STRUCTURE | registry.BUILDING
+    if hasattr(module, "support"):  # only motions have a support
+        entries = registry.MOTION
+    elif hasattr(module, "column_mass"):  # only `Dimensions` have masses in kg
+        entries |= registry.DIMENSIONS
+    for entry in (*entries.values(), *registry.MULTI_MODE_SCALARS.values(), *registry.ROWS.values()):
         if entry.attribute_path in paths or (not entry.attribute_path and entry.name == name):
             return entry.heading
     return ""

@@ -216,6 +216,13 @@ def test_targets_of_one_name_are_numbered():
     assert list(answer.margins) == ["analytic", "analytic (2)"]
 
 
+def test_a_design_with_a_small_restitution_factor_warns():
+    """The factor of rigid faces is 1 − 1.5 sin²α."""
+    with pytest.warns(rj.PlausibilityWarning, match=r"rigid faces: e = 0\.9 < 0\.9408") as caught:
+        optimise.design(BLOCK.replace(restitution=0.9), {"alpha": (0.2, 0.5)}, _alpha)
+    assert [warning.filename for warning in caught] == [__file__]
+
+
 def test_minimax_is_met_at_its_kink():
     def worst(p):
         return jnp.stack([(p.R - 1) ** 2 + p.alpha, (p.R - 1.5) ** 2 + 0.5 - p.alpha])
