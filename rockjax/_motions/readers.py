@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,8 @@ from .motion import Motion, Motions
 
 TABLE = "suite.csv"  # optional table of the files in a folder
 _COLUMNS = ("file", "name", "scale", "units", "dt", "component")
+# Headings that look like those of columns with numbers or units, which must not be taken for metadata.
+_COLUMN_LIKE = re.compile(r"(scale|unit|dt)s?(?![a-z])", re.I)
 
 
 def read_motion(
@@ -79,7 +82,7 @@ def read_suite(
     A table is a `.csv` file with a row of headings and a row for each ground motion. The column `file`
     contains the path of the file, relative to the folder of the table. The columns `name`, `scale`, `units`,
     `dt` and `component` are optional; an empty cell counts as missing. The cells of other columns become
-    metadata, and replace metadata of the same name from the file.
+    metadata, and replace metadata of the same name from the file. Semicolons or tabs may separate the cells.
 
     Raises `ValueError` for an invalid argument or table, for a folder without files, and if any file cannot
     be read. The message lists all files that cannot be read, each with the cause.
@@ -154,6 +157,14 @@ def _read_table(path: Path) -> list[tuple[str, dict[str, str]]]:
             f"{path}:1: the table needs a row of headings with the column 'file'; known columns are "
             f"{', '.join(_COLUMNS)}"
         )
+    for name in names:
+        if name not in _COLUMNS and (column := _COLUMN_LIKE.match(name)):
+            expected = next(each for each in _COLUMNS if each.startswith(column[1].lower()))
+            meaning = {"scale": "factors", "units": "units", "dt": "intervals in s"}[expected]
+            raise ValueError(
+                f"{path}: the heading {name!r} is not known; if the column contains {meaning}, call it "
+                f"{expected!r}"
+            )
     rows = list(iterator)
     if not rows:
         raise ValueError(f"{path}: the table lists no file; add a line for each file below the headings")

@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
+import re
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
@@ -48,12 +49,18 @@ class LocatedError(ValueError):
 
 
 def load_table(path: Path) -> dict[str, Any]:
-    """Return the contents of a TOML file as a table. Raises a `ValueError` that names the file and the
-    cause."""
+    """Return the contents of a TOML file as a table. Raises a `ValueError` that names the file, the line and
+    the cause."""
+    text = read_text(path, utf8_only=True)
     try:
-        return tomllib.loads(read_text(path, utf8_only=True))
+        return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise ValueError(f"{path}: the file is not valid TOML: {error}") from None
+        number = re.search(r"at line (\d+)", str(error))
+        line = text.splitlines()[int(number[1]) - 1] if number else ""
+        cure = "; write decimal commas as points" if re.search(r"=\s*[+-]?\d+,\d", line) else ""
+        cure = "; write straight quotes" if re.search("[“”„‘’«»]", line) else cure
+        location = f"{path}:{number[1]}" if number else f"{path}"
+        raise ValueError(f"{location}: the file is not valid TOML: {error}{cure}") from None
 
 
 class Reader:

@@ -18,6 +18,7 @@ _MARKS = (
     (codecs.BOM_UTF16_LE, "utf-16"),
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:e[+-]?\d+)?", re.I)
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f\x7f]")
 
 
@@ -43,6 +44,10 @@ def decode(path: str | Path, content: bytes, *, utf8_only: bool = False) -> str:
 
     Raises `ValueError`, with the file, the line and the cause, if the content is not text.
     """
+    if content.startswith((b"\x1f\x8b", b"PK\x03\x04")):
+        raise ValueError(
+            f"{path}: the file is packed (gzip, zip or .xlsx); unpack it, or save a spreadsheet as CSV"
+        )
     if content.rstrip().endswith(b"\x1a"):
         content = content.rstrip(b"\x1a \t\r\n")  # CP/M and DOS mark the end of a file by 0x1a
     encoding = next((name for mark, name in _MARKS if content.startswith(mark)), None)
@@ -59,8 +64,6 @@ def decode(path: str | Path, content: bytes, *, utf8_only: bool = False) -> str:
     if control := _CONTROL.search(text):
         line = text.count("\n", 0, control.start()) + 1
         cure = "; if it is UTF-16, save it as UTF-8" if text.count("\0") > len(text) / 4 else ""
-        if content.startswith((b"\x1f\x8b", b"PK\x03\x04")):  # marks of gzip and zip
-            cure = "; it is packed: unpack it, or save a spreadsheet as CSV"
         raise ValueError(
             f"{path}:{line}: the file is not text: character 0x{ord(control[0]):02x} at offset "
             f"{control.start()}{cure}"
@@ -70,12 +73,17 @@ def decode(path: str | Path, content: bytes, *, utf8_only: bool = False) -> str:
 
 def csv_rows(path: str | Path, text: str) -> Iterator[tuple[int, list[str]]]:
     """Yield the line number and the cells of each row of a CSV table. Empty rows, blanks around cells, and
-    empty cells at the end of a row are left out. Raises `ValueError`, with the path, for text that is not
-    CSV."""
-    reader = csv.reader(io.StringIO(text, newline=""))
+    empty cells at the end of a row are left out. If the first row contains a semicolon or a tab, it separates
+    the cells, and a comma in a number is a decimal comma. Raises `ValueError`, with the path, for text that
+    is not CSV."""
+    first_row = text.strip().partition("\n")[0]
+    delimiter = next((mark for mark in ";\t" if mark in first_row), ",")
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter)
     try:
         for row in reader:
             cells = [cell.strip() for cell in row]
+            if delimiter != ",":
+                cells = [cell.replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell) else cell for cell in cells]
             while cells and not cells[-1]:
                 cells.pop()
             if cells:

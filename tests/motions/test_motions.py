@@ -466,6 +466,17 @@ def test_tables_are_recognised_and_select_components_by_number(tmp_path, suite, 
         rj.read_suite(tmp_path, pattern="*.AT2", component="Up")
 
 
+@pytest.mark.parametrize("separator", [";", "\t"])
+def test_tables_of_spreadsheets_with_decimal_commas(tmp_path, suite, separator):
+    suite[0].save(tmp_path / "a.AT2")
+    (tmp_path / "suite.csv").write_text(
+        "file,name,scale\na.AT2,x,1.5\n".replace(",", separator).replace(".5", ",5")
+    )
+    motion = rj.read_suite(tmp_path)[0]
+    assert motion.name == "x"
+    assert motion.pga == pytest.approx(1.5 * suite[0].pga)
+
+
 def test_columns_of_a_table_have_priority_over_the_header(tmp_path, suite):
     suite[0].save(tmp_path / "a.AT2")  # without a station
     (tmp_path / "suite.csv").write_text("file,station,event,site\na.AT2,ARC,Kocaeli,rock\n")
@@ -489,7 +500,10 @@ def test_columns_of_a_table_have_priority_over_the_header(tmp_path, suite):
             ["2 of 2 files", "the unit as g", "c.AT2: the file cannot be"],
         ),
         ("", [":1:", "column 'file'"]),
-        ("file;scale\nb.AT2;1,5\n", [":1:", "column 'file'"]),
+        ("file;scale\nb.AT2;1.5.0\n", [":2:", "scale", "'1.5.0'"]),
+        ("file,scale [-]\nb.AT2,2\n", ["heading 'scale [-]'", "contains factors, call it 'scale'"]),
+        ("file,dt (ms)\nb.AT2,5\n", ["heading 'dt (ms)'", "contains intervals in s, call it 'dt'"]),
+        ("file,Unit\nb.AT2,g\n", ["heading 'Unit'", "contains units, call it 'units'"]),
     ],
 )
 def test_tables_that_cannot_be_read_say_why(folder, text, words):

@@ -379,8 +379,22 @@ def test_the_unit_of_the_interval_in_at2_files(tmp_path):
 
 def test_packed_files_are_named(tmp_path):
     for content in (gzip.compress(AT2.encode()), b"PK\x03\x04\x14\0\x06\0"):
-        with pytest.raises(ValueError, match=r"a\.csv:1: the file is not text: .*; it is packed: unpack it"):
+        with pytest.raises(ValueError, match=r"a\.csv: the file is packed .*; unpack it"):
             rj.read_motion(write_file(tmp_path, content, "a.csv"))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("R = 2.0", "R = 2,0"), r"a\.toml:4: .*not valid TOML: .*; write decimal commas as points"),
+        (("alpha = 0.15", "alpha = 0,15"), r"a\.toml:3: .*; write decimal commas as points"),
+        (('"ricker"', "“ricker”"), r"a\.toml:8: .*; write straight quotes"),
+        (("[options]", "[options"), r"a\.toml:1\d: the file is not valid TOML: "),
+    ],
+)
+def test_problems_that_are_not_valid_toml_name_line_and_cure(tmp_path, change, words):
+    with pytest.raises(ValueError, match=words):
+        problem.load(write_file(tmp_path, PROBLEM.replace(*change), "a.toml"))
 
 
 def test_geonet(tmp_path):
@@ -858,6 +872,13 @@ def test_saved_at2_files_are_read_back(tmp_path, pulse):
     motion = rj.Motion(np.asarray(pulse(np.arange(-20, 20, 0.01))), 0.01)
     back = read(motion.save(tmp_path / "own.AT2"), None, None)
     np.testing.assert_allclose(back.acceleration, motion.acceleration, rtol=1e-7, atol=1e-98)
+
+
+def test_names_do_not_change_saved_at2_files(tmp_path):
+    motion = rj.Motion(GALS / 100, 0.02, "NPTS= 3, DT= 7, raw velocity", metadata={"station": "NPTS=1 DT=2"})
+    back = rj.read_motion(motion.save(tmp_path / "own.AT2"))
+    np.testing.assert_allclose(back.acceleration, motion.acceleration, rtol=1e-7)
+    assert back.dt == motion.dt
 
 
 @pytest.mark.parametrize("shape", [(0,), (0, 2), (5, 0)])

@@ -56,19 +56,18 @@ def _is_peer(path: Path, lines: list[str]) -> bool:
 
 def _read_at2(path: Path, lines: list[str]) -> Samples:
     """Return the samples of a file. The header ends with the line that contains NPTS and DT."""
-    matches = [
-        (k, match) for k, line in enumerate(lines[:_SEARCHED_LINES]) if (match := _count_and_step(line))
-    ]
+    # In a file that rockjax has written, the second line contains names chosen by the user. These may contain
+    # words such as "velocity", "raw" or "NPTS", so this line is not searched for statements.
+    is_own = lines[0] == OWN_TITLE
+    searched = [(k, line) for k, line in enumerate(lines[:_SEARCHED_LINES]) if not (is_own and k == 1)]
+    matches = [(k, match) for k, line in searched if (match := _count_and_step(line))]
     if not matches:
         raise ValueError(
             f"{path}: an .AT2 file needs a line with NPTS and DT among its first {_SEARCHED_LINES}; this one "
             "has none"
         )
     k, (count, step, word) = matches[0]
-    # In a file that rockjax has written, the second line contains names chosen by the user. These may contain
-    # words such as "velocity" or "raw", so this line is not searched for statements.
-    is_own = lines[0] == OWN_TITLE
-    statements = [(i, line) for i, line in enumerate(lines[:k], start=1) if not (is_own and i == 2)]
+    statements = [(i + 1, line) for i, line in searched if i < k]
     for i, line in statements:
         if other := _OTHER_QUANTITY.match(line):
             content = other[1].lower()
