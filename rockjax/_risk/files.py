@@ -183,7 +183,7 @@ def _si_unit(path: str | Path, heading: Heading) -> tuple[float, str]:
 def _investigation_years(comments: list[_Row]) -> float | None:
     """Return the investigation time in the comments of a file [years]; None if they state none."""
     match = re.search(
-        r"investigation[ _]time\W{0,4}([0-9.eE+]+)", " ".join(row.text for row in comments), re.I
+        r"(?<!risk.)investigation[ _]time\W{0,4}([0-9.eE+]+)", " ".join(row.text for row in comments), re.I
     )
     return None if match is None else float(match[1])
 

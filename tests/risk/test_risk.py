@@ -372,6 +372,7 @@ def test_hazards_of_openquake(tmp_path):
     lines = OPENQUAKE.splitlines(keepends=True)
     for text, words in (
         ("".join(lines[:2]), "the file has headings, but no curve below them"),
+        (OPENQUAKE.replace("investigation", "risk_investigation"), "must state investigation_time and imt"),
         (OPENQUAKE.replace("poe-0.4", "poe-few"), ":2: expected a number in column 6, got 'few"),
     ):
         path.write_text(text)
