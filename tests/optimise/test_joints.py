@@ -263,7 +263,8 @@ def test_wider_columns_do_not_close_joints_that_the_spacing_opens():
 @pytest.mark.slow
 def test_width_and_spacing_with_and_without_the_joints():
     """In ten starts the rotation determines the width, and the target on the joints the spacing, which
-    otherwise is as small as allowed. With the same distance of the outer columns, three and five columns unload more."""
+    otherwise is as small as allowed. With the same distance of the outer columns, three and five columns
+    unload more."""
     rotation, bounds = optimise.PeakRotation(0.4, SUITE), {"width": (0.3, 0.9), "position_2": (4.0, 20.0)}
     size = lambda podium: podium.width + 0.01 * (podium.elevation.columns[1] - podium.elevation.columns[0])
     with_joints, without = (
