@@ -75,8 +75,9 @@ def test_rows_of_joints(least, has_elevation, note):
     assert any(line.endswith(" 0.5") for line in lines)
 
 
-def test_no_rows_without_answers_of_the_joints():
-    assert "joints" not in repr(peak())
+def test_no_rows_without_answers():
+    lines = repr(peak(peak_deformation=np.nan, peak_shear=np.nan))
+    assert not any(label in lines for label in ("joints", "deformation", "shear"))
 
 
 def test_scenes_know_whether_they_have_an_elevation():

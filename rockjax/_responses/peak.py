@@ -408,8 +408,10 @@ def _summary(peak: AbstractPeak) -> tuple[str, list[tuple[str, str]]]:
     until = f" {UNTIL_OVERTURNING}" if peak.overturned else ""
     count = np.size(peak.peak_deformation)
     modes = f" (modes 1 to {count})" if count > 1 else ""
-    rows.append(("deformation", f"{_format(peak.peak_deformation)} m{modes}{until}"))
-    rows.append(("shear", f"{float(peak.peak_shear):.6g} of the weight of the superstructure{until}"))
+    if not np.all(np.isnan(peak.peak_deformation)):
+        rows.append(("deformation", f"{_format(peak.peak_deformation)} m{modes}{until}"))
+    if not np.isnan(peak.peak_shear):
+        rows.append(("shear", f"{float(peak.peak_shear):.6g} of the weight of the superstructure{until}"))
     rows += _rows_of_joints(peak)
     if peak.peak_drift is not None and peak.peak_floor_acceleration is not None:
         rows.append(("drifts", f"{_format(peak.peak_drift)} m{until}"))
