@@ -1,12 +1,12 @@
-"""Run time of a scene: `python -m benchmarks.cost motions|restrained|forces|floors|scaling|processors`.
+"""Run time of a scene: `python -m benchmarks.cost COMMAND`, with a command from the next paragraph.
 
 `motions` solves the grid of Fig. 6 with several pulse shapes. `restrained` compares podiums that have a
 tendon and a linear damper with the same podiums without devices. Accelerations are relative to the uplift
 threshold, so that both podiums rock alike. `forces` compares batches with and without forces in the joints,
-for pulses and for records. `floors` times floor spectra with a thousand periods. `scaling` measures time and
-memory from 10³ to 10⁶ scenes. `processors` compares the devices of JAX with threads on the CPU, including
-differences between the answers; without an accelerator, `processors --host-devices 2` uses two parts of the
-CPU as devices.
+for pulses and for records; `forces-single` compares single scenes. `floors` times floor spectra with a
+thousand periods. `scaling` measures time and memory from 10³ to 10⁶ scenes. `processors` compares the devices
+of JAX with threads on the CPU, including differences between the answers; without an accelerator,
+`processors --host-devices 2` uses two parts of the CPU as devices.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from rockjax._batch.scenes import SceneBatch, broadcast
 from rockjax._oscillators import ground_load, largest
 
 from .measure import Family, family, options, podium, report, shortest_time, show
-from .records import Suite
+from .records import DT, Suite
 
 FAMILIES = ("rigid", "T_s = 0.5 s")
 MOTIONS: dict[str, Callable[[Family], rj.AbstractExcitation]] = {
@@ -115,19 +115,58 @@ def time_restrained(runs: int = 7) -> None:
 FORCES = "peak_friction", "axial_force", "peak_foundation_shear", "impact_friction"
 
 
-def time_forces(runs: int = 5) -> None:
-    """Time scenes with the default outputs, and with forces as additional outputs."""
-    cases: dict[tuple[str, str], tuple[rj.Podium, Any]] = {}
-    suite = Suite()
+def _structures() -> dict[str, rj.Podium]:
+    """Return the structures with positions of two columns and heights of the masses."""
+    structures = {}
     for name, plain in STRUCTURES.items():
         heights = {} if plain.superstructure is None else {"top_height": 9.0}
         elevation = rj.Elevation([-3.0, 3.0], beam_depth=0.6, **heights)
-        if name != "solitary block":
-            plain = plain.replace(elevation=elevation)
-        uplift = float(plain.g * jnp.tan(plain.alpha))
-        pulses = rj.Ricker(uplift * np.linspace(1, 6, 40)[:, None], np.geomspace(0.2, 3, 40))
-        cases[name, "40 × 40 Ricker pulses"] = plain, pulses
-        cases[name, "20 records × 50 scales"] = plain, suite.scenes
+        structures[name] = plain if name == "solitary block" else plain.replace(elevation=elevation)
+    return structures
+
+
+def _uplift(structure: rj.Podium) -> float:
+    """Return the ground acceleration that lifts a rigid structure [m/s²]."""
+    return float(structure.g * jnp.tan(structure.alpha))
+
+
+def time_single_scenes(runs: int = 15) -> None:
+    """Time single scenes with the default outputs, and with all forces as additional outputs."""
+    suite, rows = Suite(), []
+    outputs = rj.Options().outputs
+    selections = {"without": outputs, "with all": (*outputs, *FORCES)}
+    for name, structure in _structures().items():
+        levels, periods = _uplift(structure) * np.array([1.5, 3.0, 5.0]), (0.5, 1.0, 2.0)
+        pulses = [rj.Ricker(level, period) for level in levels for period in periods]
+        records = [
+            rj.Record(row, DT, level / np.abs(row).max()) for row in suite.samples[:3] for level in levels
+        ]
+        for motions, excitations in (("pulses", pulses), ("records", records)):
+            best = np.full((len(selections), len(excitations)), np.inf)
+            for run in range(runs + 1):
+                for i, selection in enumerate(selections.values()):
+                    for k, excitation in enumerate(excitations):
+                        start = time.perf_counter()
+                        options = rj.Options(outputs=selection)
+                        jax.block_until_ready(rj.peak_response(structure, excitation, options=options))
+                        if run:  # the first run compiles
+                            best[i, k] = min(best[i, k], time.perf_counter() - start)
+            ratios = best[1] / best[0]
+            row = {"structure": name, "motions": motions, "ms without": 1e3 * float(best[0].mean())}
+            row |= {"mean ratio": float(best[1].sum() / best[0].sum()), "largest ratio": float(ratios.max())}
+            rows.append(row)
+            print(row, flush=True)
+    report("forces-single", rows)
+
+
+def time_forces(runs: int = 5) -> None:
+    """Time batches with the default outputs, and with forces as additional outputs."""
+    cases: dict[tuple[str, str], tuple[rj.Podium, Any]] = {}
+    suite = Suite()
+    for name, structure in _structures().items():
+        pulses = rj.Ricker(_uplift(structure) * np.linspace(1, 6, 40)[:, None], np.geomspace(0.2, 3, 40))
+        cases[name, "40 × 40 Ricker pulses"] = structure, pulses
+        cases[name, "20 records × 50 scales"] = structure, suite.scenes
     rows = []
     default = rj.Options().outputs
     for (name, motions), (structure, excitations) in cases.items():
@@ -249,6 +288,7 @@ COMMANDS = {
     "motions": motions,
     "restrained": time_restrained,
     "forces": time_forces,
+    "forces-single": time_single_scenes,
     "floors": time_floors,
     "scaling": scaling,
     "processors": processors,
@@ -257,5 +297,5 @@ COMMANDS = {
 
 if __name__ == "__main__":
     command, *arguments = sys.argv[1:]
-    takes_numbers = command in ("motions", "restrained", "forces", "floors")
+    takes_numbers = command in ("motions", "restrained", "forces", "forces-single", "floors")
     COMMANDS[command](*(map(int, arguments) if takes_numbers else arguments))
