@@ -76,7 +76,9 @@ def warnings_of(evaluation: Evaluation) -> Iterator[Text]:
         if math.isfinite(check.utilisation) and 0 < check.utilisation < LEAST_U:
             least = Quantity(LEAST_U, "number", is_input=True)
             yield f"The utilisation of {check.id} is below ", least, "; is the unit of its limit right?"
-        if check.statistic == "mean" and check.motions and len(problem.motions[check.motions]) < FEW_MOTIONS:
-            count, usual = (Quantity(y, "count") for y in (len(problem.motions[check.motions]), FEW_MOTIONS))
-            noun = "motion" if len(problem.motions[check.motions]) == 1 else "motions"
-            yield f"{check.id} is a mean over ", count, f" {noun}; at least ", usual, " are usual."
+        if check.statistic == "mean" and check.motions:
+            number = len(problem.motions[check.motions])
+            noun = "motion" if number == 1 else "motions"
+            count, usual = (Quantity(y, "count") for y in (number, FEW_MOTIONS))
+            if number < FEW_MOTIONS:
+                yield f"{check.id} is a mean over ", count, f" {noun}; at least ", usual, " are usual."

@@ -927,7 +927,11 @@ def test_a_file_is_the_problem_it_says(folder):
         ("dt = 0.01", "", r"give dt"),
         ('motions = "pulses"', 'motions = "quakes"', r"targets\[0\]\.motions: must name a set"),
         ("limit = 0.4", "limit = 4", r"targets\[0\]: PeakRotation: limit"),
-        ("limit = 0.4", "", r"targets\[0\]: peak-rotation needs exactly one .*, got neither"),
+        (
+            "limit = 0.4",
+            "",
+            r"targets\[0\]: peak-rotation needs exactly one of limit and at_most, got neither",
+        ),
         (
             'kind = "peak-rotation"',
             'kind = "peak"',
